@@ -16,7 +16,7 @@ except ModuleNotFoundError as error:
 from pandis.pipeline.run.ask.catalogue import MESH_NAME
 from pandis.pipeline.run.plan.plan import open_plan
 
-# the library of this repository: another workflow may have included this one as a module
+# the folder of this repository's library, even if another workflow includes this one as a module
 root = Path(workflow.current_basedir).parent / "workflow"
 # the object store for the results, as `s3://bucket`, or empty
 store = workflow.storage_settings.default_storage_prefix
@@ -29,8 +29,8 @@ pathvars:
     results=plan.folder,
 
 
-# Cores of a rule that must not be disturbed. `workflow.cores` would raise if no number is
-# given, as with `snakemake --report` and on a cluster.
+# Cores of a rule that must run undisturbed. `workflow.cores` would raise an error if no number
+# is given, as with `snakemake --report` and on a cluster.
 all_cores = workflow.resource_settings.cores or 1
 
 

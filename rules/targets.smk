@@ -3,53 +3,53 @@ rule meshes:
     input:
         plan.target("meshes"),
     message:
-        "meshes: every result is there"
+        "meshes: all results exist"
 
 
 rule samples:
     input:
         plan.target("samples"),
     message:
-        "samples: every result is there"
+        "samples: all results exist"
 
 
 rule models:
     input:
         plan.target("models"),
     message:
-        "models: every result is there"
+        "models: all results exist"
 
 
 rule exports:
     input:
         plan.target("exports"),
     message:
-        "exports: every result is there"
+        "exports: all results exist"
 
 
 rule grids:
     input:
         plan.target("grids"),
     message:
-        "grids: every result is there"
+        "grids: all results exist"
 
 
 rule evaluations:
     input:
         plan.target("evaluations"),
     message:
-        "evaluations: every result is there"
+        "evaluations: all results exist"
 
 
 rule hardware:
     input:
         plan.target("hardware"),
     message:
-        "hardware: every result is there"
+        "hardware: all results exist"
 
 
 rule scenes:
     input:
         plan.target("scenes"),
     message:
-        "scenes: every result is there"
+        "scenes: all results exist"

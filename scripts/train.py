@@ -1,4 +1,4 @@
-"""Train a field. Reads mesh.zarr.zip, samples.zarr.zip, writes model-{recipe}.zarr.zip."""
+"""Train a field. Reads mesh.zarr.zip and samples.zarr.zip, writes model-{recipe}.zarr.zip."""
 
 from pandis.pipeline.run.ask.kinds import build_task, kind_module
 from pandis.pipeline.run.job.stage import stage

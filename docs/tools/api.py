@@ -1,4 +1,4 @@
-"""Pages of the public interfaces, made from the docstrings and from the header's comments."""
+"""Generate the API pages from the docstrings and from the header's comments."""
 
 import inspect
 import re
@@ -20,7 +20,7 @@ and the result of an invalid value. **rt**: may be called in a real-time loop.""
 
 
 def python_page():
-    """Return the package's page: a sentence for each class, method and function."""
+    """Return the page of the package, with a sentence for each class, method and function."""
     parts = [_PYTHON]
     for name in pandis.__all__:
         thing = getattr(pandis, name)
@@ -67,7 +67,7 @@ def _summary(thing):
 
 
 def c_page(header):
-    """Return a header's page: each function, by section, with its comment's first sentence."""
+    """Return a header's page, with each function and the first sentence of its comment."""
     parts, section = [_C], None
     for title, note, call in _functions(header):
         if title != section:
@@ -83,7 +83,7 @@ def _functions(header):
     """Yield section, comment and prototype of each public function of a header."""
     text, body, _ = header.partition("#if defined(PANDIS_IMPLEMENTATION)")
     if not body:
-        raise SystemExit("pandis.h: nothing marks the end of its prototypes")
+        raise SystemExit("pandis.h: the end of its prototypes is not marked")
     title, note = "", ""
     lines = iter(text.splitlines())
     for first in lines:

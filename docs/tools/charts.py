@@ -1,4 +1,4 @@
-"""Charts that open the pages of docs/benchmarks, drawn from docs/figures."""
+"""Draw the charts at the top of the pages of docs/benchmarks, from docs/figures."""
 
 import io
 from statistics import fmean
@@ -9,9 +9,9 @@ from matplotlib.figure import Figure
 import tables
 
 IMAGES = tables.ROOT / "docs/images"
-#: Colours that differ in brightness, too.
+#: Colours that also differ in brightness, so they can be distinguished in grey.
 COLOURS = ("#1b6ca8", "#e08e2b", "#7d8a97")
-#: The same bytes on every machine; text stays text.
+#: Options that give the same bytes on every machine, and keep text as text.
 STYLE = {"svg.hashsalt": "pandis", "svg.fonttype": "none", "font.size": 9,
          "axes.spines.top": False, "axes.spines.right": False}  # fmt: skip
 SCANS = ("bunny", "armadillo", "dragon")
@@ -28,7 +28,7 @@ def charts():
 
 
 def _rows(name, **where):
-    """Return the rows of a table of docs/figures in which columns have certain values."""
+    """Return the rows of a table of docs/figures whose columns have the given values."""
     _, rows = tables.read_figures(name)
     return [row for row in rows if all(row[key] == value for key, value in where.items())]
 

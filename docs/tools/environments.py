@@ -1,4 +1,4 @@
-"""Conda environments: one per rule file, with only the packages that its stages import."""
+"""Generate a conda environment per rule file, with only the packages that its stages import."""
 
 import re
 from pathlib import Path
@@ -10,7 +10,7 @@ ROOT = Path(__file__).resolve().parents[2]
 ENVS = ROOT / "workflow" / "envs"
 #: Packages that every stage needs, for option models and for shapes in signatures.
 _ALWAYS = {"pydantic", "jaxtyping"}
-#: Stages that train, optionally on a GPU.
+#: Stages that train networks, optionally on a GPU.
 _TRAIN = {"train", "choose"}
 #: Kinds that `train` builds; `bake` builds all others.
 _TRAINED = ("network",)

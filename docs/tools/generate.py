@@ -29,7 +29,7 @@ TRAINING = ROOT / "docs" / "training.md"
 CLUSTER = ROOT / "docs" / "cluster.md"
 ENGINE = ROOT / "workflow" / "pandis" / "engine"
 HEADER = ENGINE / "pandis.h"
-#: The parts of pandis.h, from `engine/parts`, in the order in which they are joined.
+#: Parts of pandis.h in `engine/parts`, in the order in which they are joined.
 PARTS = (
     *(
         "opening",

@@ -32,7 +32,7 @@ def environment(folder, *packages):
 def run(*command, **extra):
     """Run a command in the repository; exit with a message if it fails."""
     print("$", *command, flush=True)
-    # PYTHONPATH would put this checkout before the installed package
+    # PYTHONPATH would make this checkout precede the installed package
     shell = {key: value for key, value in os.environ.items() if key != "PYTHONPATH"}
     done = subprocess.run(list(map(str, command)), cwd=ROOT, env=shell | extra, check=False)
     if done.returncode:
@@ -40,7 +40,7 @@ def run(*command, **extra):
 
 
 def files_of(wheel):
-    """Return names and checksums of a wheel's files, except its RECORD."""
+    """Return the names and checksums of a wheel's files, except its RECORD."""
     with zipfile.ZipFile(wheel) as archive:
         infos = [info for info in archive.infolist() if not info.filename.endswith("RECORD")]
     return {info.filename: info.CRC for info in infos}
@@ -71,7 +71,7 @@ def main():
 
 
 def clean(*folders):
-    """Remove a build's leftovers from the sources: the next build would pack them."""
+    """Remove a build's leftovers from the sources, because the next build would pack them."""
     for folder in (ROOT / "build", *(ROOT / "workflow").glob("*.egg-info"), *folders):
         shutil.rmtree(folder, ignore_errors=True)
 

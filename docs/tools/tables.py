@@ -1,4 +1,4 @@
-"""The documentation's tables, made from the measured figures in docs/figures."""
+"""Tables of the documentation, generated from the measured figures in docs/figures."""
 
 import csv
 from pathlib import Path
@@ -29,11 +29,11 @@ _WISHES = {
 
 
 def which_table():
-    """Return the README's table: which field to take, with figures of the default run's bunny."""
+    """Return the README's table of recommended fields, with figures of the default run's bunny."""
     notes, rows = _bunny()
     by_name = {row["field"]: row for row in rows}
     table = [
-        "| you want | take | KB | force error, mean | surface without force | failed questions "
+        "| need | field | KB | force error, mean | surface without force | failed questions "
         "| one query, median |",
         "|---|---|--:|--:|--:|--:|--:|",
     ]
@@ -194,7 +194,7 @@ def compact_table():
     table = [
         "| mesh, faces | field | bytes a face | shallow / deep | missing | bound, largest error "
         "| wrong sides, cut | on the path, 99.9 % (µs) | in the box (µs) "
-        "| of `exact`, path and box |",
+        "| ratio to `exact`, path and box |",
         "|---" * 2 + "|--:" * 8 + "|",
     ]
     for row in rows:
@@ -214,7 +214,7 @@ def compact_table():
 
 
 def small_table():
-    """Return the table of small compact meshes and splines."""
+    """Return the table of compact meshes and splines at small sizes."""
     notes, rows = read_figures("small")
     table = [
         "| mesh | at most (KB) | `compact-auto`: faces, bits | shallow / deep | contact, missing "
@@ -250,11 +250,11 @@ def _percent(value):
 
 
 def refit_table():
-    """Return the table of meshes that deform."""
+    """Return the table of deforming meshes."""
     notes, rows = read_figures("refit")
     table = [
         "| mesh, faces | shapes | refit, worst (ms) | distances compared, unequal "
-        "| query, 99.9 % (µs) | of a new tree (µs) | ratio |",
+        "| query, 99.9 % (µs) | with a new tree (µs) | ratio |",
         "|---|--:|--:|--:|--:|--:|--:|",
     ]
     for row in rows:
@@ -273,7 +273,7 @@ def worst_table():
     notes, rows = read_figures("worst")
     table = [
         "| body, faces | field | slowest query (µs) | in the box, median (µs) "
-        "| cut of the contact set | of the box | too far by, contact set and box |",
+        "| cut in the contact set | cut in the box | too large by, contact set and box |",
         "|---|---|--:|--:|--:|--:|--:|",
     ]
     for row in rows:
@@ -305,7 +305,7 @@ def press_table():
     notes, rows = read_figures("presses")
     table = [
         "| shape | field | surface without force | largest error at the surface (mm) | presses "
-        "| let through, proxy | let through, penalty | deepest proxy (mm) "
+        "| went through, proxy | went through, penalty | deepest proxy (mm) "
         "| strongest force, proxy and penalty (N) |",
         "|---|---|--:|--:|--:|--:|--:|--:|--:|",
     ]
@@ -331,8 +331,8 @@ def simulator_table():
     """Return the table of fields in MuJoCo."""
     notes, rows = read_figures("simulator")
     table = [
-        "| scene | field | shallow error | contact error (mN) | step, median (µs) | of depth 6 "
-        "| starts | tunnelled | overlap, median and 99 % (mm) "
+        "| scene | field | shallow error | contact error (mN) | step, median (µs) "
+        "| ratio to depth 6 | starts | tunnelled | overlap, median and 99 % (mm) "
         "| energy rises by, median and 99 % (weight · mm) |",
         "|---|---|--:|--:|--:|--:|--:|--:|--:|--:|",
     ]
@@ -394,11 +394,11 @@ def kernels_table():
 
 
 def cooked_table():
-    """Return the table of distances cooked for Newton, its own and ours."""
+    """Return the table of distances baked by Newton and written by `cook`."""
     notes, rows = read_figures("cooked")
     table = [
         "| mesh | resolution | read on | nodes | MB | made in (s) | shallow error, mean and 99 % "
-        "| of Newton's | deep error, mean and 99 % | of Newton's |",
+        "| ratio to Newton | deep error, mean and 99 % | ratio to Newton |",
         "|---|--:|---|---|--:|--:|--:|--:|--:|--:|",
     ]
     by_mesh = {}
@@ -445,7 +445,7 @@ def distance_table():
 
 
 def training_table(name="training"):
-    """Return a table of docs/training.md: one row per trained network."""
+    """Return a table of docs/training.md, with one row per trained network."""
     notes, rows = read_figures(name)
     table = [
         "| mesh | recipe | options | steps | s | points/s | KB | shallow | deep | on the path |",
@@ -481,7 +481,7 @@ def full_table():
     notes, rows = read_figures("full")
     table = [
         "| mesh | field | training | seeds | KB | shallow | deep | contact | missing (%) "
-        "| on the path | of `trilinear-box-64` | of `trilinear-64` |",
+        "| on the path | ratio to `trilinear-box-64` | ratio to `trilinear-64` |",
         "|---|---|---|--:|--:|--:|--:|--:|--:|--:|--:|--:|",
     ]
     base = {(row["mesh"], row["field"]): float(row["path"]) for row in rows}
@@ -511,7 +511,7 @@ def _trained(row):
 
 
 def order_table():
-    """Return the table of PANDIS's error over Tri-i 64³'s, by scan, box and measure."""
+    """Return the table of PANDIS's error over that of Tri-i 64³, by scan, box and measure."""
     notes, rows = read_figures("full")
     table = [
         "| mesh | box of the grid | training | seeds | the paper's path | on the path | shallow "
@@ -536,7 +536,7 @@ def ablation_table():
     """Return the table of each change's effect, from the paper's recipe to ours."""
     notes, rows = read_figures("ablation")
     table = [
-        "| change | made | seeds | shallow | deep | contact | missing (%) | on the path |",
+        "| change | applied | seeds | shallow | deep | contact | missing (%) | on the path |",
         "|---|---|--:|--:|--:|--:|--:|--:|",
     ]
     labels = {"": "", "alone": "alone", "added": "added to those above"}
@@ -634,16 +634,16 @@ def throughput_table():
 
 
 def _short(text):
-    """Format a percentage; one below a billionth is a rounding error, and is written as 0."""
+    """Format a percentage; values below 1e-9 are rounding errors, and are written as 0."""
     value = float(text or 0)
     return "0" if value < 1e-9 else f"{value:.2g}" if value < 99.5 else f"{value:.4g}"
 
 
 def native_table():
-    """Return the table of single queries: pandis.h against the usual implementations."""
+    """Return the table of single-query times of pandis.h and of the usual implementations."""
     notes, rows = read_figures("native")
     table = [
-        "| field | queried by | median (µs) | p99.9 (µs) | times pandis.h |",
+        "| field | queried by | median (µs) | p99.9 (µs) | ratio to pandis.h |",
         "|---|---|--:|--:|--:|",
     ]
     for row in rows:
@@ -655,7 +655,7 @@ def native_table():
 
 
 def front_table():
-    """Return the table of six meshes' fronts: time, bytes and error near the surface."""
+    """Return the table of the six meshes' fronts: time, bytes and error near the surface."""
     notes, rows = read_figures("front")
     meshes = list(dict.fromkeys(row["mesh"] for row in rows))
     table = [
@@ -682,7 +682,7 @@ def scene_table():
     """Return the table of scenes of many objects."""
     notes, rows = read_figures("scenes")
     table = [
-        "| field | objects | median (µs) | p99.9 (µs) | queries per tick | times one in contact |",
+        "| field | objects | median (µs) | p99.9 (µs) | queries per tick | ratio to one object |",
         "|---|--:|--:|--:|--:|--:|",
     ]
     for row in rows:

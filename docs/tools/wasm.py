@@ -22,7 +22,7 @@ FLAGS = (
 
 
 def build(target):
-    """Compile the module to a path."""
+    """Compile the module, and write it to a path."""
     define = f'-DWEB_DIGEST="{digest(SOURCE)}"'
     command = ["clang", *FLAGS, define, "-I", str(HERE / "libc"), str(SOURCE), "-o"]
     subprocess.run([*command, str(target)], check=True)

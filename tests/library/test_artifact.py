@@ -172,7 +172,7 @@ def test_chunks_of_fill_are_not_stored(tmp_path, fill):
 
 def test_wrong_kind_and_missing(tmp_path):
     path = write(tmp_path / "a.zarr.zip")
-    with pytest.raises(ArtifactError, match="holds a samples, expected a mesh"):
+    with pytest.raises(ArtifactError, match="its kind is samples, expected mesh"):
         read_artifact(path, "mesh")
     with pytest.raises(ArtifactError, match=r"missing; build it with: snakemake"):
         read_artifact(tmp_path / "no.zarr.zip")

@@ -36,7 +36,7 @@ def test_configs_that_come_along_are_valid_and_name_their_schema():
 
 
 def test_auto_is_one_field_and_needs_to_know_what_to_achieve():
-    assert "fields.0: auto needs to know what to achieve" in faults("fields: auto")
+    assert "fields.0: auto needs a target" in faults("fields: auto")
     assert "budget" in faults("fields: auto\nbudget: {bytes: 1000}")
     entry = load("fields: auto\nbudget: {force_error: 1e-3}")["a"]
     assert entry.fields == ["auto"]
@@ -84,8 +84,8 @@ def test_the_table_of_fields_has_a_row_for_every_kind(kind):
         ("fields: [exact, trilnear-64]", "fields.1: 'trilnear-64' is no field; known are exact,"),
         ("fields: [exact, trilinear-1]", "fields.1: trilinear-1: it must have 4 to 512 nodes"),
         ("fields: [exact, spline-8]", "fields.1: spline-8: it must have 32 to 320 nodes"),
-        ("fields: [trilinear-auto]", "fields.0: trilinear-auto needs to know what to achieve"),
-        ("fields: [salisbury-tricubic-auto]", "fields.0: tricubic-auto needs to know"),
+        ("fields: [trilinear-auto]", "fields.0: trilinear-auto needs a target"),
+        ("fields: [salisbury-tricubic-auto]", "fields.0: tricubic-auto needs a target"),
         (
             "{trajectory: {kind: spiral}, evaluation: {paths: 8}}",
             "a spiral is always the same path",

@@ -279,7 +279,7 @@ def test_what_is_wrong_is_said(box):
     with pytest.raises(PandisError, match="no geom of pandis.sdf is called lid"):
         bridge_of(box, materials={"lid": Material()})
     bridge, _, _ = bridge_of(box, step=0.0033)
-    with pytest.raises(PandisError, match="no whole number of ticks"):
+    with pytest.raises(PandisError, match="not a whole number of ticks"):
         press(bridge)
     bridge, _, _ = bridge_of(box)
     order = bridge.in_step(10, TOUCH.limits(1e-3, 400.0))

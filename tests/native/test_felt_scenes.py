@@ -134,7 +134,7 @@ def test_a_material_that_nothing_is_made_of_is_told(tried, capsys):
 
 
 def test_a_texture_too_steep_to_follow_is_refused():
-    with pytest.raises(ValueError, match="height is at most length / 5"):
+    with pytest.raises(ValueError, match="height must be at most length / 5"):
         TextureOptions(height=1e-3, length=4e-3)
 
 

@@ -31,7 +31,7 @@ def test_every_kind_of_file_is_told(files, name):
     assert found["bytes"] == files[name].stat().st_size
     assert found["microseconds"] > 0
     grid = name == "trilinear"
-    assert ("force and normal, inside alone" in lines) == bool(found["proxy"]) == grid
+    assert ("force and normal, only inside" in lines) == bool(found["proxy"]) == grid
     assert found["faces"] == (name == "exact")
     assert max(found["size"]) == pytest.approx(found["longest"], rel=0.02)
     assert found["provenance"] == read_provenance(files[name])
@@ -71,7 +71,7 @@ def test_a_file_that_says_neither_where_it_lies_nor_where_it_is_from(files, tmp_
     found = facts(path)
     assert (found["size"], found["provenance"]) == (None, None)
     assert "along its longest side" in describe(found)
-    assert "the file does not say it" in describe(found)
+    assert "the file does not state it" in describe(found)
     assert set(read_contents(path).sections) >= {"NONE", "OTHR"}
     assert section(data, b"NONE") > 256
 
@@ -79,7 +79,7 @@ def test_a_file_that_says_neither_where_it_lies_nor_where_it_is_from(files, tmp_
 @pytest.mark.parametrize(
     ("said", "told_as"),
     [
-        (b"{}", "the file does not say it"),
+        (b"{}", "the file does not state it"),
         (b'{"options": [], "wildcards": {"name": 3}, "code": {"digest": null}}', "names no stage"),
         (b'{"wildcards": {"mesh": "ball"}, "options": {"field": "exact"}}', "field exact of mesh"),
         (b"[1, 2]", None),

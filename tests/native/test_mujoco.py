@@ -398,7 +398,7 @@ def test_a_scene_takes_meshes_and_says_what_is_wrong(files, meshes, tmp_path, ca
         mjcf.write_mjcf(objects, "one.xml", {"ring": mesh})
     scene.write_text("{}")
     assert main(["mjcf", str(scene), "table.xml"]) == 1
-    assert "this is no scene of results/scenes" in capsys.readouterr().err
+    assert "not a scene from results/scenes" in capsys.readouterr().err
     assert main(["mjcf", "nowhere.json", "table.xml"]) == 1
     assert "nowhere.json: it cannot be read" in capsys.readouterr().err
 

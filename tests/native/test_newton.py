@@ -156,7 +156,7 @@ def test_units_are_those_that_are_said(tmp_path):
     doubled = dict(np.load(cook(field, mesh, tmp_path, length=2.0, margin=0.1,
                                 narrow_band_range=(-0.2, 0.2))))  # fmt: skip
     assert doubled["coarse_sdf"] == pytest.approx(2 * plain["coarse_sdf"], abs=1e-6)
-    with pytest.raises(PandisError, match="is `length` the metres of a unit of the field"):
+    with pytest.raises(PandisError, match="is `length` in metres per unit of the field"):
         cook(field, mesh, tmp_path)
 
 

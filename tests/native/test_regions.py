@@ -221,7 +221,7 @@ def test_an_array_beside_the_file_that_does_not_fit_it_is_refused(tmp_path):
     task = MeshTask(source=str(path), sha256=None, seed=0)
     for wrong in (np.zeros(79, int), np.zeros((80, 1), int), np.zeros(80), np.arange(80) * 1j):
         np.save(beside, wrong)
-        with pytest.raises(PandisError, match="the mesh has 80 triangles: give as many"):
+        with pytest.raises(PandisError, match="the mesh has 80 triangles: store as many"):
             build(task, path, str)
     np.save(beside, np.array([{}] * 80), allow_pickle=True)
     with pytest.raises(PandisError, match="not an array that NumPy can load"):

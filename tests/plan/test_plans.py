@@ -392,7 +392,7 @@ def test_other_targets_do_not_mind_scenes(rerun):
         ({"objects": {"a": {"mesh": "torus"}}}, "scenes.table.objects.a.field: "),
         ({"objects": {}}, "scenes.table.objects: "),
         ({}, "scenes.table.objects: "),
-        ({"objects": {"A b": SCENE["objects"]["a"]}}, "an object's name starts with a-z"),
+        ({"objects": {"A b": SCENE["objects"]["a"]}}, "an object's name must start with a-z"),
         ({"objects": {"a": SCENE["objects"]["a"] | {"size": 0}}}, "scenes.table.objects.a.size"),
         ({"objects": {"a": SCENE["objects"]["a"] | {"sise": 1}}}, "unknown option"),
         ({"objects": {"a": SCENE["objects"]["a"] | {"position": [0, 0]}}}, "objects.a.position"),

@@ -117,5 +117,5 @@ def test_a_paper_recipe_may_stand_for_the_chosen_network():
 
 def test_attributes_of_another_version_are_a_sentence():
     artifact = Artifact(Path("x.zarr.zip"), "stress", {}, {"fields": {}}, {}, "")
-    with pytest.raises(ArtifactError, match=r"x\.zarr\.zip: not of this version of pandis"):
+    with pytest.raises(ArtifactError, match=r"x\.zarr\.zip: made by another version of pandis"):
         StressRecord.of(artifact)

@@ -66,7 +66,7 @@ def test_bad_meshes_fail_in_plain_words_and_the_others_finish(workspace):
         "'analytic:spere' is unknown; closed-form shapes are analytic:sphere",
         "PyMeshLab ships no 'bunnny.obj'",
         "the mesh lies in one plane: it has no volume, and so no inside",
-        "Other meshes went on.",
+        "Other meshes continued.",
     ):
         assert message in done.stdout
     assert "Traceback" not in done.stdout

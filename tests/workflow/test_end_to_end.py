@@ -488,7 +488,7 @@ def test_report_tells_boxes_seeds_and_trainings_apart(workspace):
         "<th>Times trilinear-box-64</th><th>Times trilinear-64</th>",
         "(2 trainings)",
         "(one training)",
-        "of trilinear-box-64, on the mesh&#39;s own box, as the paper&#39;s",
+        "of trilinear-box-64, which covers the mesh&#39;s own box, as in the paper",
     ):
         assert words in page, words
     home = workspace / "results/bunny"

@@ -64,7 +64,7 @@ def load(path: str | PathLike[str]) -> "Field":
 
 
 def sample(shape: str, *sizes: float | int) -> "Field":
-    """Return the field of a closed form, for experiments: ``sample("torus", 0.03, 0.01)``.
+    """Return the field of a closed-form shape, for experiments: ``sample("torus", 0.03, 0.01)``.
 
     See `pandis.runtime.samples.sample`.
     """

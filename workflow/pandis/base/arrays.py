@@ -1,7 +1,7 @@
-"""Array shapes, for signatures.
+"""Array types with shapes, for type annotations.
 
-Letters stand for lengths: within a call, equal letters mean equal lengths. The workflow checks
-nothing at run time; the tests check every call (`tests/conftest.py`).
+Letters stand for lengths: within a call, equal letters mean equal lengths. The tests check the
+shapes in every call (`tests/conftest.py`); the workflow does not check them at run time.
 """
 
 import re
@@ -11,7 +11,7 @@ from jaxtyping import AbstractDtype, Bool, Float
 
 
 class Integer(AbstractDtype):
-    """Any integer, including NumPy's `longlong`: trimesh returns it where `int64` is as wide."""
+    """Any integer type, including `longlong`, which trimesh returns where `int64` is as wide."""
 
     dtypes = re.compile(r"u?(int\d+|longlong)")
 

@@ -2,7 +2,7 @@
 
 
 class PandisError(Exception):
-    """Something outside the code is wrong; the message says what, where and what to do.
+    """A fault outside the code; the message states what is wrong, where, and what to do.
 
     A stage that fails with it prints only the message. Any other exception
     is a defect of pandis, and its traceback is printed.
@@ -10,4 +10,4 @@ class PandisError(Exception):
 
 
 class ArtifactError(PandisError):
-    """An artifact is missing, damaged or of another kind than its reader expects."""
+    """An artifact is missing, damaged or of a kind that its reader does not expect."""

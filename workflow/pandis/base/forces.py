@@ -26,5 +26,5 @@ def penalty_force(distance: Values, normal: Points, stiffness=1.0) -> Points:
 
 
 def force_of(field):
-    """Return a function from points (n, 3) to a field's forces (n, 3): unit frame, k = 1."""
+    """Return a function that maps points (n, 3) to a field's forces (n, 3); unit frame, k = 1."""
     return lambda points: penalty_force(*field.answer(points))

@@ -13,7 +13,7 @@ UNIT_SIDE = 1.8
 
 
 class Frame(NamedTuple):
-    """The similarity from mesh units to the unit frame.
+    """The similarity transform from mesh units to the unit frame.
 
     Attributes
     ----------

@@ -6,14 +6,14 @@ from pandis.base.frame import UNIT_SIDE
 
 
 class Scale(NamedTuple):
-    """The physical scale of an object under a device.
+    """The physical scale of an object that a device renders.
 
     Attributes
     ----------
     size : float
         Length of the object's longest side, m.
     stiffness : float
-        k, N/m.
+        Stiffness k, N/m.
     """
 
     size: float

@@ -16,10 +16,10 @@ WALLS, PRESSES = 21, 22
 #: Stages bake_spline, bake_auto and choose. Streams for choosing and for promises have three
 #: numbers: see `pandis.pipeline.geometry.points`.
 SPLINE = 7
-#: Stage train, followed by the epoch or block. Streams of fresh points begin with their stratum.
+#: Stage train; an epoch or block number follows. Streams of fresh points begin with their stratum.
 ORDER, BOX = 1, 2
 
 
 def generator(seed, *stream):
-    """Return the generator of a stream, which one or more numbers identify."""
+    """Return the random generator of a stream, identified by one or more numbers."""
     return np.random.default_rng([seed, *stream])

@@ -1,1 +1,1 @@
-"""Fields in other programs and libraries: an optional package for each."""
+"""Bridges to other programs and libraries, each in an optional package."""

@@ -10,7 +10,7 @@ from pathlib import Path
 
 
 def cache_folder():
-    """Return the cache folder: ``PANDIS_CACHE``, else one in the user's cache."""
+    """Return the cache folder: ``PANDIS_CACHE``, else ``pandis`` in the user's cache."""
     if os.environ.get("PANDIS_CACHE"):
         return Path(os.environ["PANDIS_CACHE"])
     home = os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"
@@ -18,7 +18,7 @@ def cache_folder():
 
 
 def keep(path, data):
-    """Write a file of the cache atomically, even if other processes write it, too.
+    """Write a cache file atomically, even if other processes write it at the same time.
 
     If the cache cannot be written, later processes only repeat the work.
     """
@@ -37,16 +37,16 @@ def keep(path, data):
 def remembered(maker, text, make):
     """Return the result of `make`, from the cache if an earlier process has stored it.
 
-    A stored result follows its digest; if it is damaged, it is computed again.
+    A digest is stored before each result; damaged results are computed again.
 
     Parameters
     ----------
     maker : path-like
-        ``__file__`` of the module that computes it: an edit makes all its results stale.
+        ``__file__`` of the module that computes it: editing it makes all its results stale.
     text : bytes
-        All else that the result depends on.
+        Everything else that the result depends on.
     make : callable
-        Returns a value that JSON can store.
+        Computes the result, a value that JSON can store.
     """
     path = cache_folder() / "texts" / hashlib.sha256(_identity(maker) + text).hexdigest()
     try:
@@ -57,7 +57,7 @@ def remembered(maker, text, make):
         pass
     stored = json.dumps(make()).encode()
     keep(path, _digest(stored) + b"\n" + stored)
-    return json.loads(stored)  # as the next process will read it
+    return json.loads(stored)  # as later processes will read it
 
 
 def _digest(data):

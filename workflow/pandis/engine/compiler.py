@@ -47,7 +47,7 @@ def compiled(source, headers=()):
     ----------
     source : Path
     headers : sequence of Path
-        Folders of other projects' headers that it includes.
+        Folders with headers of other projects that it includes.
 
     Returns
     -------
@@ -77,8 +77,8 @@ def prebuild(folder, headers):
     ----------
     folder : Path
     headers : dict of str to Path
-        By library, the folder of another project's headers. A library that needs such headers and
-        has none here is left out.
+        For each library, the folder of another project's headers. Libraries that need such headers
+        and have no entry are left out.
 
     Returns
     -------
@@ -115,9 +115,9 @@ def build(command, source, libraries, name):
         The compiler and its flags.
     source : Path
     libraries : list of str
-        Flags that come after the source.
+        Flags that follow the source in the command.
     name : str
-        Name of the output file; a digest of all it depends on is inserted before the suffix.
+        Name of the output file; a digest of all its inputs is inserted before the suffix.
 
     Returns
     -------
@@ -139,7 +139,7 @@ def build(command, source, libraries, name):
 
 
 def _compile(command, compiled):
-    """Compile to a path; into a temporary folder if the cache cannot be written."""
+    """Compile to a path, or to a temporary folder if the cache cannot be written."""
     try:
         compiled.parent.mkdir(parents=True, exist_ok=True)
         folder = tempfile.mkdtemp(dir=compiled.parent)
@@ -151,7 +151,7 @@ def _compile(command, compiled):
     if done.returncode:
         shutil.rmtree(folder, ignore_errors=True)
         raise PandisError(f"{' '.join(command)} failed:\n{done.stderr.strip()}")
-    part.replace(compiled)  # atomic, even if another process compiles it, too
+    part.replace(compiled)  # atomic, even if another process compiles the same file
     if Path(folder) != compiled.parent:
         shutil.rmtree(folder, ignore_errors=True)
     return compiled

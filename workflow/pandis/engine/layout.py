@@ -22,15 +22,15 @@ def compare_layouts(entries, mirrors):
     Parameters
     ----------
     entries : callable
-        The library's function that returns its array of ``layout_entry``.
+        Library function that returns an array of ``layout_entry``.
     mirrors : dict of str to ctypes.Structure
-        By C type name.
+        Mirrors by C type name.
 
     Raises
     ------
     PandisError
-        A field has another offset or size, or is missing on one side: only one of the two sides
-        was changed.
+        A field's offset or size differs, or the field is missing on one side: only one side was
+        changed.
     """
     entries.restype = ctypes.POINTER(_Entry)
     native, first = {}, entries()

@@ -1,6 +1,6 @@
 /* pandis.h: distance, normal and contact force of an object, for haptic loops.
  *
- * One header, one file per object, no library but libm, no allocation and no system call per query:
+ * One header, one file per object, no library except libm, no allocation and no system call per query:
  *
  *     #define PANDIS_IMPLEMENTATION            in one source file, before
  *     #include "pandis.h"
@@ -16,37 +16,37 @@
  *
  * Several objects; only those that the probe may touch are queried:
  *
- *     pandis_object objects[2] = {...};        fields and where they lie
+ *     pandis_object objects[2] = {...};        fields and their poses
  *     static double room[PANDIS_SCENE_ROOM(2)];
  *     pandis_scene scene;
  *     error = pandis_scene_open(&scene, objects, 2, room, PANDIS_SCENE_ROOM(2));
  *     pandis_scene_force(&scene, position, force);
  *
  * Positions and distances are in the units of the mesh that the field was made from; distances are
- * negative inside, normals point outward and have unit length. A field is only read: any number of
- * threads may query it. The file format: docs/format.md of pandis.
+ * negative inside, normals point outward and have unit length. Queries do not change a field: any
+ * number of threads may query it. The file format: docs/format.md of pandis.
  *
- * C99 or later, or C++11 or later. It needs no flags: with -O2 alone it is about as fast as with -O3
+ * C99 or later, or C++11 or later. No flags are needed: with -O2 alone it is about as fast as with -O3
  * -march=native, since GCC and clang also compile the hot functions for AVX2, which is used on x86-64
- * machines that have it (not on Windows; PANDIS_NO_DISPATCH leaves it out). Every compiler, every machine
- * and every vector width gives the same bits (clang not with -ffp-contract=fast). With -ffast-math or x87
- * arithmetic it does not compile: answers would be wrong. pandis_open tests for parts of -ffast-math that
- * no macro shows. A query needs at most 8 KB of stack, one of a network 80 KB. With a smaller
- * PANDIS_MOST_WIDTH and PANDIS_MOST_DEPTH (by default 1024 and 16) that is four bytes times (depth + 2)
- * times width. Define PANDIS_API as `static inline` to keep the names to one source file,
- * PANDIS_NO_FILE to leave out what opens files.
+ * machines that have it (not on Windows; PANDIS_NO_DISPATCH disables this). Results are bit-identical for
+ * all compilers, machines and vector widths (except clang with -ffp-contract=fast). With -ffast-math or
+ * x87 arithmetic it does not compile: answers would be wrong. pandis_open tests for options of -ffast-math
+ * that define no macro. A query needs at most 8 KB of stack, or 80 KB for a network. With a smaller
+ * PANDIS_MOST_WIDTH and PANDIS_MOST_DEPTH (by default 1024 and 16) this is four bytes times (depth + 2)
+ * times width. Define PANDIS_API as `static inline` to keep the names to one source file, and
+ * PANDIS_NO_FILE to leave out the functions that open files.
  *
  * For a real-time loop: open fields before the loop (a file is read and checked, which
  * takes 4 ms per megabyte), lock the process's memory (mlockall(MCL_CURRENT | MCL_FUTURE); on Windows raise
- * the working set with SetProcessWorkingSetSize and VirtualLock the bytes given to pandis_open), ask every
- * field a few points once so that its pages and the caches are filled, and give the thread a real-time
- * priority (SCHED_FIFO). A query allocates nothing, locks nothing, makes no system call. Its time hardly
- * depends on the place, except for meshes: where very many faces are about equally near (the middle of a finely
- * tessellated ball) a query can take some hundreds of times as long as usual. It is cut after the steps
- * that its file allows: see PANDIS_CUT.
+ * the working set with SetProcessWorkingSetSize and VirtualLock the bytes given to pandis_open), query
+ * every field at a few points, so that its pages are loaded and the caches filled, and set a real-time
+ * priority for the thread (SCHED_FIFO). A query allocates nothing, locks nothing and makes no system call.
+ * Its time hardly depends on the position, except for meshes: where very many faces are about equally near (the
+ * middle of a finely tessellated ball), a query can take some hundreds of times as long as usual. It is cut
+ * short after the number of steps that its file allows: see PANDIS_CUT.
  *
  * This header comes from pandis, a workflow that makes, measures and exports distance fields of
- * triangle meshes for haptic rendering. It needs nothing else of it.
+ * triangle meshes for haptic rendering. The header needs nothing else from it.
  *
  * MIT License. Copyright (c) 2026 The pandis authors
  *
@@ -71,7 +71,7 @@
 #include <stddef.h>
 #include <stdint.h>
 
-/* Version of this header; a file states its format version (PANDIS_FORMAT_VERSION). */
+/* Version of this header; a file contains its format version (PANDIS_FORMAT_VERSION). */
 #define PANDIS_VERSION_MAJOR 0
 #define PANDIS_VERSION_MINOR 2
 #define PANDIS_VERSION_PATCH 0
@@ -86,40 +86,40 @@ extern "C" {
 #define PANDIS_API extern
 #endif
 
-/* How far an answer can be trusted. */
+/* How reliable an answer is. */
 typedef enum {
     PANDIS_OK = 0,      /* within the accuracy of the field */
-    PANDIS_BOUND = 1,   /* outside of what the field covers: the side is right, the distance an estimate that may be too large */
+    PANDIS_BOUND = 1,   /* outside what the field covers: the side is right, but the distance is an estimate, maybe too large */
     PANDIS_INVALID = 2, /* no answer: an argument is out of range or not finite, or the field overflowed */
     PANDIS_CUT = 3,     /* the search was cut short: too many faces are about equally near (around the middle of a finely
                          * tessellated ball). The distance may be too large, by some hundredths of the object: see
-                         * pandis_answer.clear. No point tried next to the surface when the file was made was cut */
+                         * pandis_answer.clear. When the file was made, no query at test points next to the surface was cut */
     PANDIS_BEYOND = 4   /* pandis_query_within only: no surface is within its reach */
 } pandis_flag;
 
-/* Why something cannot be opened or changed. Errors are negative and flags are not, so neither is taken for the other. */
+/* Reasons why something cannot be opened or changed. Errors are negative and flags are not, so they cannot be confused. */
 typedef enum {
     PANDIS_SUCCESS = 0,
     PANDIS_ERROR_FILE = -1,        /* the file cannot be read */
     PANDIS_ERROR_FORMAT = -2,      /* not a .pandis file */
     PANDIS_ERROR_ENDIAN = -3,      /* wrong byte order, of the file or of this machine */
-    PANDIS_ERROR_VERSION = -4,     /* it is of a later version, or a mesh of an earlier one */
-    PANDIS_ERROR_SIZE = -5,        /* it is shorter or longer than it says */
-    PANDIS_ERROR_CHECKSUM = -6,    /* its bytes have changed */
-    PANDIS_ERROR_CONTENT = -7,     /* its content is inconsistent, or this kind of field cannot do that */
+    PANDIS_ERROR_VERSION = -4,     /* the file has a later version, or is a mesh of an earlier one */
+    PANDIS_ERROR_SIZE = -5,        /* the file is shorter or longer than its header states */
+    PANDIS_ERROR_CHECKSUM = -6,    /* the bytes of the file have changed */
+    PANDIS_ERROR_CONTENT = -7,     /* inconsistent content, or an operation that this kind of field does not support */
     PANDIS_ERROR_POSE = -8,        /* an object or a pose is invalid: see pandis_object */
     PANDIS_ERROR_ALIGNMENT = -9,   /* the bytes do not begin at a multiple of 8 */
-    PANDIS_ERROR_ARITHMETIC = -10, /* compiled with flags under which it would answer wrongly */
+    PANDIS_ERROR_ARITHMETIC = -10, /* compiled with flags that would make results wrong */
     PANDIS_ERROR_LARGE = -11,      /* a network beyond PANDIS_MOST_WIDTH or PANDIS_MOST_DEPTH */
     PANDIS_ERROR_VERTEX = -12,     /* a vertex of a new shape is not finite, or beyond 1e30 in the unit frame */
     PANDIS_ERROR_KIND = -13,       /* a grid of forces cannot have a contact: it has no distances outside */
     PANDIS_ERROR_RADIUS = -14,     /* the probe is larger than the free space known around the field's surface */
     PANDIS_ERROR_OPTIONS = -15,    /* a contact option is out of range: see pandis_contact_options */
     PANDIS_ERROR_COUNT = -16,      /* an array is shorter or longer than required */
-    PANDIS_ERROR_HEADER = -17      /* the implementation is of another version of this header, or packed differently */
+    PANDIS_ERROR_HEADER = -17      /* the implementation has another version of this header, or another structure packing */
 } pandis_error;
 
-/* What a field is. */
+/* The kind of a field. */
 typedef enum {
     PANDIS_CLOSED = 0,
     PANDIS_NETWORK = 1,
@@ -136,11 +136,11 @@ typedef struct {
     double normal[3]; /* outward, of unit length */
     double slope;     /* length of the vector that was normalised: 1 for meshes and closed forms; elsewhere about 1, but
                        * clearly less near the medial axis, where two walls are about equally near and the normal is about to
-                       * turn; 0 for grids of forces, which have none */
-    double clear;     /* meshes: no surface is nearer than this, up to rounding; else |distance| */
+                       * flip; 0 for grids of forces, which have no distance outside */
+    double clear;     /* for meshes a lower bound of the distance to the surface, up to rounding; else |distance| */
     pandis_flag flag;
     int32_t face;     /* index, in mesh.zarr.zip, of a face that holds the closest point. A simplified mesh names a face
-                       * beside it. -1 if unknown: only `exact` meshes, and compact ones with a section ORIG, know it */
+                       * beside it. -1 if unknown: only `exact` meshes, and compact ones with a section ORIG, store it */
     int32_t region;   /* material of the surface there (pandis_region); -1 if the file has none */
 } pandis_answer;
 
@@ -174,18 +174,18 @@ typedef struct {
 
 typedef struct {
     int32_t size, bricks;  /* nodes and bricks per axis */
-    double low, per_step;  /* place of node 0, nodes per length */
-    const uint16_t *brick; /* for each place: its kept brick, or 65535 */
-    const uint64_t *mask;  /* for each kept brick: a bit for each block it holds */
-    const uint32_t *base;  /* for each kept brick: number of blocks before it */
+    double low, per_step;  /* position of node 0, nodes per length */
+    const uint16_t *brick; /* for each position: its stored brick, or 65535 */
+    const uint64_t *mask;  /* for each stored brick: a bit for each stored block */
+    const uint32_t *base;  /* for each stored brick: number of blocks before it */
 } pandis__layout;
 
 typedef struct {
     pandis__layout layout[2];
     int32_t far_size;
     double far_low, far_per_step, offset[3], scale[3], inside, outside;
-    const int16_t *coarse, *far; /* coefficients: offset + scale * stored; of the band ... */
-    const int8_t *fine;          /* ... and what is added to it there */
+    const int16_t *coarse, *far; /* coefficients, offset + scale * stored: of the band, and beyond it */
+    const int8_t *fine;          /* correction that is added in the band */
     const uint8_t *side;         /* for each block of coarse lattice cells: whether it is outside */
 } pandis__spline;
 
@@ -205,8 +205,8 @@ typedef struct {
     int32_t child[PANDIS__WIDTH]; /* a node if >= 0, else the complement of a leaf */
 } pandis__node;
 
-/* Up to eight triangles, rounded: a coordinate is origin + corner * step. They serve to find, in single precision, which
- * triangles may be nearest. A distance d is too large by at most slack + share * d. */
+/* Up to eight triangles, rounded: a coordinate is origin + corner * step. They are used to find, in single
+ * precision, the triangles that may be nearest. A distance d is too large by at most slack + share * d. */
 typedef struct {
     uint16_t corner[3][3][PANDIS__WIDTH]; /* corner, axis, triangle; unused places repeat the first */
     int32_t face[PANDIS__WIDTH];          /* -1: unused */
@@ -236,7 +236,7 @@ typedef struct {
     int32_t child[PANDIS__WIDTH];    /* a branch if >= 0, else the complement of a block */
 } pandis__branch;
 
-/* Where a block of faces lies, in the section of blocks and in space. origin: 21 bits an axis. counts: faces less one,
+/* Position of a block of faces in the section of blocks and in space. origin: 21 bits an axis. counts: faces less one,
  * corners less one (6 bits each), and the bits that its extents need (5 each). */
 typedef struct {
     uint32_t start, counts;
@@ -283,13 +283,13 @@ typedef struct { /* internal except for its size: use the functions below */
 /* [rt] The version of the compiled implementation; PANDIS_VERSION is that of this header. */
 PANDIS_API const char *pandis_version(void);
 
-/* Check that the compiled implementation has the version and the structures of this header. Call it once if both are
- * built separately. Returns PANDIS_SUCCESS or PANDIS_ERROR_HEADER. */
+/* Check that the compiled implementation has the version and the structures of this header. Call it once if the two
+ * are compiled separately. Returns PANDIS_SUCCESS or PANDIS_ERROR_HEADER. */
 #define PANDIS_CHECK() \
     pandis__check(PANDIS_VERSION, sizeof(pandis_field), sizeof(pandis_contact_options), sizeof(pandis_touch))
 PANDIS_API pandis_error pandis__check(const char *version, size_t field, size_t options, size_t touch);
 
-/* [rt] What an error means, in a sentence that lives as long as the program. */
+/* [rt] The meaning of an error, a sentence in static memory. */
 PANDIS_API const char *pandis_error_text(pandis_error error);
 
 /* ---------------------------------------------------------------- fields */
@@ -297,7 +297,7 @@ PANDIS_API const char *pandis_error_text(pandis_error error);
 /* Open a field from bytes. They are checked, so that no query reads outside them.
  *
  * field    filled in; closed on error
- * data     kept by the caller until the field is closed, at a multiple of 8 (in C11: _Alignas(8) on an array)
+ * data     kept by the caller until the field is closed; aligned to 8 bytes (in C11: _Alignas(8) on an array)
  * size     of the data, bytes */
 PANDIS_API pandis_error pandis_open(pandis_field *field, const void *data, size_t size);
 
@@ -310,70 +310,70 @@ PANDIS_API pandis_error pandis_open_file(pandis_field *field, const char *path);
 /* Close a field; closing it again does nothing. No other thread may still use it. */
 PANDIS_API void pandis_close(pandis_field *field);
 
-/* [rt] What a field is: PANDIS_CLOSED after pandis_close. */
+/* [rt] The kind of a field: PANDIS_CLOSED after pandis_close. */
 PANDIS_API pandis_kind pandis_field_kind(const pandis_field *field);
 
-/* [rt] Bytes of its file. */
+/* [rt] The size of the field's file, bytes. */
 PANDIS_API size_t pandis_bytes(const pandis_field *field);
 
-/* [rt] A box around the surface, mesh units; around all that the field covers, if its file does not say where the surface
- * lies. */
+/* [rt] A box around the surface, mesh units. If the file does not store it, the box contains the whole region that the
+ * field covers. */
 PANDIS_API void pandis_bounds(const pandis_field *field, double low[3], double high[3]);
 
 /* [rt] The length of the longest side of the mesh that the field was made from, mesh units. */
 PANDIS_API double pandis_longest_side(const pandis_field *field);
 
-/* [rt] The name of a region (pandis_answer.region), which is the material that the mesh's file gives its faces; NULL if
- * there is no such region. */
+/* [rt] The name of a region (pandis_answer.region): that of its faces' material in the mesh file. NULL if there is no
+ * such region. */
 PANDIS_API const char *pandis_region(const pandis_field *field, int region);
 
-/* [rt] What the field was made from and how: JSON of `*size` bytes, not zero-terminated and valid as long as the field is
- * open; NULL if there is none. */
+/* [rt] The provenance of the field: JSON of `*size` bytes, not zero-terminated and valid while the field is open; NULL if
+ * there is none. */
 PANDIS_API const char *pandis_provenance(const pandis_field *field, size_t *size);
 
-/* [rt] Answer one point. Without an answer (PANDIS_INVALID: a coordinate is not finite, or beyond 1e150)
+/* [rt] Query one point. If there is no answer (PANDIS_INVALID: a coordinate is not finite, or beyond 1e150),
  * distance, normal and slope are NaN.
  *
  * point    mesh units */
 PANDIS_API void pandis_query(const pandis_field *field, const double point[3], pandis_answer *answer);
 
-/* [rt] Answer one point as pandis_query does, bit for bit, if the surface is nearer than a reach. Else the flag may be
+/* [rt] Query one point as pandis_query does, bit for bit, if the surface is nearer than a reach. Else the flag may be
  * PANDIS_BEYOND: no surface is nearer than answer->clear, which is the reach (or less, if the search was cut short); the
- * side is unknown, and distance, normal and slope are NaN. For meshes that takes a few box tests, wherever the point is.
- * Other fields, and a negative or NaN reach, are answered in full.
+ * side is unknown, and distance, normal and slope are NaN. For meshes this takes a few box tests at any distance. For
+ * other fields, and for a negative or NaN reach, the result is that of pandis_query.
  *
  * point    mesh units
  * reach    mesh units, from 0 on */
 PANDIS_API void pandis_query_within(const pandis_field *field, const double point[3], double reach,
                                     pandis_answer *answer);
 
-/* [rt] Answer one point as pandis_query does, bit for bit. For `exact` meshes it saves time if the previous point with
- * the same hint was near; in the middle of a ball it costs some. Other fields do not use the hint.
+/* [rt] Query one point as pandis_query does, bit for bit. For `exact` meshes this is faster if the previous point with
+ * the same hint was near, and slower in the middle of a ball. Other fields do not use the hint.
  *
  * point    mesh units
  * hint     all zero before the first query */
 PANDIS_API void pandis_query_from(const pandis_field *field, const double point[3], pandis_hint *hint,
                                   pandis_answer *answer);
 
-/* [rt] The distance alone (mesh units; NaN without an answer) and its flag, bit for bit as pandis_query gives them.
- * Takes less than half the time for a network whose normal is its gradient; otherwise the same. */
+/* [rt] The distance alone (mesh units; NaN without an answer) and its flag, bit for bit as pandis_query returns them.
+ * For a network whose normal is its gradient, this takes less than half the time; otherwise the same time. */
 PANDIS_API pandis_flag pandis_distance(const pandis_field *field, const double point[3], double *distance);
 
 /* [rt] The gradient of the distance, and its second derivatives (per mesh unit), row by row. For meshes and closed forms
  * they are those of the nearest feature: 0 next to a face, round next to an edge or a corner. For splines and grids of
- * distances they follow from the formula. Elsewhere (networks, and where the flag is PANDIS_BOUND) they are differences
- * over a few thousandths of the object or less. At a crease they are those of one side. PANDIS_INVALID, and NaN, without
- * an answer and for grids of forces. */
+ * distances they follow from the formula. Elsewhere (networks, and where the flag is PANDIS_BOUND) they are finite
+ * differences over a few thousandths of the object or less. At a crease they are those of one side. Where there is no
+ * answer, and for grids of forces, they are NaN and the flag is PANDIS_INVALID. */
 PANDIS_API pandis_flag pandis_derivatives(const pandis_field *field, const double point[3], double gradient[3],
                                           double hessian[9]);
 
-/* [rt] The penalty force -stiffness * min(distance, 0) * normal: zero outside, and without an answer.
+/* [rt] The penalty force -stiffness * min(distance, 0) * normal: zero outside, and where there is no answer.
  *
  * point      mesh units
  * stiffness  force per mesh unit, from 0 to 1e100; else PANDIS_INVALID, and no force */
 PANDIS_API pandis_flag pandis_force(const pandis_field *field, const double point[3], double stiffness, double force[3]);
 
-/* [rt] Answer points one after the other.
+/* [rt] Query several points.
  *
  * points     3 * count doubles, mesh units
  * distances  count doubles
@@ -384,23 +384,23 @@ PANDIS_API void pandis_query_many(const pandis_field *field, const double *point
 
 /* ---------------------------------------------------------------- meshes whose vertices move (`exact` fields alone) */
 
-/* [rt] Vertices of a mesh, and bytes of room that pandis_refit_open needs; both 0 for any other field. */
+/* [rt] Number of vertices of a mesh, and bytes of memory that pandis_refit_open requires; both 0 for any other field. */
 PANDIS_API size_t pandis_vertex_count(const pandis_field *field);
 PANDIS_API size_t pandis_refit_room(const pandis_field *field);
 
-/* Begin a mesh field that has the faces of another one, and vertices that can move. It needs no closing.
+/* Open a mesh field with the faces of another one, and with vertices that can move. It need not be closed.
  *
  * moving   filled in
- * field    a mesh, to be kept open as long
- * room     of at least pandis_refit_room bytes, at a multiple of 8, kept by the caller
+ * field    a mesh, which must stay open while `moving` is used
+ * room     at least pandis_refit_room bytes of memory, aligned to 8 bytes, kept by the caller
  * size     of the room, bytes
  *
  * Returns PANDIS_SUCCESS, PANDIS_ERROR_CONTENT (no mesh), PANDIS_ERROR_ALIGNMENT or PANDIS_ERROR_COUNT (too little room). */
 PANDIS_API pandis_error pandis_refit_open(pandis_field *moving, const pandis_field *field, void *room, size_t size);
 
-/* [rt] Move the vertices. Distances are then bit for bit those of a newly built tree. The unit frame stays: points beyond
- * its box are answered and flagged PANDIS_BOUND. Tell scenes (pandis_scene_moved) and contacts (pandis_contact_reshaped).
- * No other thread may use the field meanwhile.
+/* [rt] Move the vertices. Distances are then bit for bit those of a newly built tree. The unit frame does not change:
+ * points beyond its box are flagged PANDIS_BOUND. Then notify scenes (pandis_scene_moved) and contacts
+ * (pandis_contact_reshaped). No other thread may use the field during the call.
  *
  * vertices  3 * count doubles, mesh units, in the order of mesh.zarr.zip
  * count     pandis_vertex_count
@@ -410,7 +410,7 @@ PANDIS_API pandis_error pandis_refit(pandis_field *moving, const double *vertice
 
 #if defined(__GNUC__) || defined(_MSC_VER)
 /* A mesh that one thread moves while another queries it; neither waits. Of three shapes one is written, one is queried,
- * and the newest complete one is handed over. One thread refits, one takes. The contents are internal. */
+ * and the newest complete one is handed over. One thread calls _refit, the other _take. The contents are internal. */
 typedef union {
     double aligned;
     unsigned char bytes[3 * sizeof(pandis_field) + 16];
@@ -426,18 +426,18 @@ PANDIS_API pandis_error pandis_handover_open(pandis_handover *handover, const pa
 /* [rt] Move the vertices, as pandis_refit does, and hand the shape over. */
 PANDIS_API pandis_error pandis_handover_refit(pandis_handover *handover, const double *vertices, size_t count);
 
-/* [rt] Set `moving` to the newest complete shape, at the beginning of a tick. It stays as it is until the next call.
- * Returns 1 if the shape is new, or the first time; else 0. After 1 tell scenes (pandis_scene_moved) and contacts
- * (pandis_contact_reshaped). */
+/* [rt] Set `moving` to the newest complete shape, at the beginning of a tick. It then does not change until the next
+ * call. Returns 1 if the shape is new, and in the first call; else 0. After 1, notify scenes (pandis_scene_moved) and
+ * contacts (pandis_contact_reshaped). */
 PANDIS_API int pandis_handover_take(pandis_handover *handover, pandis_field *moving);
 #endif
 
 /* ---------------------------------------------------------------- objects and what they feel like */
 
-/* An object: a field, and where it lies. A point p of the mesh lies at scale * rotation * p + translation in the scene. */
+/* An object: a field and its pose. A point p of the mesh is at scale * rotation * p + translation in the scene. */
 typedef struct {
-    const pandis_field *field; /* open as long as the object is used */
-    double rotation[9];        /* by rows; without reflection: columns of unit length, at right angles, within 1e-6 */
+    const pandis_field *field; /* must stay open while the object is used */
+    double rotation[9];        /* row by row; orthonormal within 1e-6, and no reflection */
     double translation[3];     /* scene lengths, at most 1e100 */
     double scale;              /* scene lengths per mesh unit, from 1e-100 to 1e100 */
     double stiffness;          /* force per scene length, from 0 to 1e100 */
@@ -446,44 +446,44 @@ typedef struct {
 /* [rt] The penalty force of one object.
  *
  * point    scene lengths
- * force    in the directions of the scene */
+ * force    in scene coordinates */
 PANDIS_API pandis_flag pandis_object_force(const pandis_object *object, const double point[3], double force[3]);
 
-/* How a surface feels, apart from the object's stiffness. All values are in units of the scene, from 0 to 1e100; all zero
- * is smooth. */
+/* Properties of a surface, apart from the object's stiffness. All values are in units of the scene, from 0 to 1e100; if
+ * all are zero, the surface is smooth. */
 typedef struct {
-    double sticking; /* static friction: force along the surface per force against it up to which the proxy stays */
-    double sliding;  /* sliding friction, likewise, at most `sticking` */
+    double sticking; /* coefficient of static friction: the proxy stays up to this tangential force per normal force */
+    double sliding;  /* coefficient of sliding friction, at most `sticking` */
     double damping;  /* force per speed of the probe along the normal; it never pulls towards the surface */
-    double drag;     /* force per speed along the surface */
+    double drag;     /* force per speed of the proxy along the surface */
 } pandis_material;
 
-/* A height above the surface, which a proxy feels. It is never negative: walls hold as without it. The proxy follows
- * slopes up to about 0.65; on steeper ones it falls behind. */
+/* A height above the surface, which a proxy feels. It is never negative, so walls are as tight as without a texture. The
+ * proxy follows slopes up to about 0.65; on steeper ones it falls behind. */
 typedef struct {
     /* the height, from 0 to `most`, and its gradient, no longer than `steepest`, at a point of the surface (mesh units) in a
      * region (pandis_answer). It is called in the loop, so it must be [rt], too */
     double (*height)(const void *data, const double point[3], int region, double gradient[3]);
     const void *data; /* passed on to `height` */
     double most;      /* mesh units, from 0 on */
-    double steepest;  /* from 0 to 15: steeper ones let a probe through thin walls */
+    double steepest;  /* from 0 to 15: steeper textures let a probe through thin walls */
 } pandis_texture;
 
-/* [rt] A height for textures: waves across a direction of unit length; steepest 3.15 * height / length. */
+/* [rt] A height for textures: waves that vary along a direction of unit length; steepest 3.15 * height / length. */
 typedef struct {
     double height, length, direction[3]; /* mesh units */
 } pandis_ridges;
 PANDIS_API double pandis_waves(const void *ridges, const double point[3], int region, double gradient[3]);
 
-/* [rt] A height for textures: bumps, one for each cube of a length, as if drawn at random; steepest 3.25 * height / length. */
+/* [rt] A height for textures: pseudorandom bumps, one per cube of side `length`; steepest 3.25 * height / length. */
 typedef struct {
     double height, length; /* mesh units */
 } pandis_bumps;
 PANDIS_API double pandis_noise(const void *bumps, const double point[3], int region, double gradient[3]);
 
-/* [rt] A texture for each region: `count` of them, in the order of the regions; a NULL height is smooth. Places without a
- * region, or with one beyond these, have the first, as with materials. The combined texture has pandis_by_region as its
- * height, and the largest `most` and `steepest` of them all. */
+/* [rt] A texture for each region: `count` of them, in the order of the regions; a NULL height is smooth. The first
+ * texture also applies to places without a region, or with a region >= `count`, as with materials. The combined texture
+ * has pandis_by_region as its height, and the largest `most` and `steepest` of them all. */
 typedef struct {
     const pandis_texture *textures;
     int32_t count;
@@ -493,23 +493,23 @@ PANDIS_API double pandis_by_region(const void *patches, const double point[3], i
 /* ---------------------------------------------------------------- contacts
  *
  * The force on a probe that is kept out of an object. The proxy is a ball that never goes through the surface. A spring
- * ties it to the probe, which is where the device is. A contact belongs to one probe, one object and one thread. */
+ * connects it to the probe, which is at the device's position. A contact belongs to one probe, one object and one thread. */
 
-/* Options of a contact. Start from pandis_contact_defaults, and change only what should differ. */
+/* Options of a contact. Start from pandis_contact_defaults, and change only the values that should differ. */
 typedef struct {
     double radius;  /* of the proxy, scene lengths; 0: a point. Up to 1e100 for meshes, compact meshes, closed forms and
                      * networks; for splines and grids up to 0.95 of the height above the surface that they cover (by default
                      * 1 mm of 100), else PANDIS_ERROR_RADIUS. Default 0 */
-    double slide;   /* speed of the proxy in excess of the probe's: scene lengths per second, at least 0. It bounds steps of
-                     * the force at ridges. Default: half the object's longest side */
-    int32_t budget; /* A step ends after this many queries (a look under way may add two, and `regions` one), and the next step
+    double slide;   /* largest excess of the proxy's speed over the probe's: scene lengths per second, at least 0. It limits
+                     * jumps of the force at ridges. Default: half the object's longest side */
+    int32_t budget; /* number of queries after which a step ends (a started look may add two, and `regions` one); the next step
                      * continues it. At least 8: with fewer, every step would start over. Default 24 */
-    const pandis_material *materials; /* one per region, kept by the caller, who may change their values between steps. Places
-                                       * with no region, or one beyond these, have the first. NULL: smooth */
+    const pandis_material *materials; /* one per region, kept by the caller, who may change values between steps. The first also
+                                       * applies to places with no region, or with one beyond the last. NULL: smooth */
     size_t material_count;            /* 0: smooth */
     const pandis_texture *texture;    /* of the surface, kept by the caller; NULL, the default: none */
-    const pandis_field *regions;      /* source of regions if the object's field has none: a mesh of the same object, open as
-                                       * long; NULL, the default: none */
+    const pandis_field *regions;      /* source of regions if the object's field has none: a mesh of the same object, which must
+                                       * stay open; NULL, the default: none */
 } pandis_contact_options;
 
 /* [rt] The defaults for an object. */
@@ -525,26 +525,26 @@ typedef union {
 /* Bits of pandis_touch.state. */
 typedef enum {
     PANDIS_TOUCHING = 1, /* the surface holds the proxy back */
-    PANDIS_STICKING = 2, /* friction holds it, too */
+    PANDIS_STICKING = 2, /* friction holds the proxy back, too */
     PANDIS_BEHIND = 4,   /* the budget or `slide` stopped the proxy short of its goal */
     PANDIS_WAITING = 8   /* the probe began inside and has not come out yet. The side it came from is unknown, so nothing
-                          * pushes it out. It is held at the depth where it began, or at the least depth since. Where the
-                          * field knows no distance that deep inside, there is no force until the probe is out */
+                          * pushes it out. It is held at its initial depth, or at the smallest depth since. Where the field
+                          * has no distance that deep inside, there is no force until the probe is out */
 } pandis_touch_bits;
 
 /* Result of a step, in units and directions of the scene. */
 typedef struct {
     double force[3], proxy[3];
-    double normal[3]; /* of the surface, or of several combined, that the proxy is pressed against; 0 if there is none */
+    double normal[3]; /* of the surface, or of several combined, against which the proxy is pressed; 0 if there is none */
     double depth;     /* how far the probe is pressed past the proxy, along the normal */
     double slip;      /* how far the proxy slid along the surface */
     int state;        /* pandis_touch_bits */
     pandis_flag flag; /* the worst of the queries; PANDIS_INVALID: no force, and the proxy stays */
-    int planes;       /* that hold the proxy back: 1 on a face, 2 in an edge, 3 in a corner */
-    int queries;      /* that this step took */
-    int32_t object;   /* of a scene: its index */
-    int32_t face;     /* of mesh.zarr.zip, nearest to the proxy, if the field knows it: see pandis_answer */
-    int32_t region;   /* in which the proxy lies, likewise */
+    int planes;       /* number of planes that hold the proxy back: 1 on a face, 2 in an edge, 3 in a corner */
+    int queries;      /* number of queries in this step */
+    int32_t object;   /* index of the object in a scene */
+    int32_t face;     /* index, in mesh.zarr.zip, of the face nearest to the proxy, if the field stores it: see pandis_answer */
+    int32_t region;   /* region at the proxy, likewise */
 } pandis_touch;
 
 /* [rt] Begin a contact; the next step is its first.
@@ -553,7 +553,7 @@ typedef struct {
  * options  copied; NULL: the defaults
  *
  * Returns PANDIS_SUCCESS, PANDIS_ERROR_POSE, PANDIS_ERROR_KIND, PANDIS_ERROR_RADIUS or PANDIS_ERROR_OPTIONS; after an error
- * steps answer PANDIS_INVALID. */
+ * steps return PANDIS_INVALID. */
 PANDIS_API pandis_error pandis_contact_open(pandis_contact *contact, const pandis_object *object,
                                             const pandis_contact_options *options);
 
@@ -563,20 +563,20 @@ PANDIS_API pandis_contact_options pandis_contact_get(const pandis_contact *conta
 PANDIS_API pandis_error pandis_contact_set(pandis_contact *contact, const pandis_contact_options *options);
 
 /* [rt] Move the probe. The proxy follows it through free space and never goes through the surface, however thin a wall
- * is. Along the surface it takes short steps, on up to three planes at once, of the eight that it knows.
+ * is. Along the surface it takes short steps, on up to three planes at once, of eight that it stores.
  *
- * object    its pose may differ from last time: the proxy moves with it. With another field or scale the contact begins
- *           anew; if the probe is then inside, the state is PANDIS_WAITING
+ * object    its pose may differ from the last step's: the proxy moves with it. With another field or scale the contact
+ *           restarts; if the probe is then inside, the state is PANDIS_WAITING
  * position  of the probe, scene lengths
- * dt        seconds since the last step, more than 0. Steps of 0.2 to 5 ms are tried
+ * dt        seconds since the last step, more than 0. Tested with steps of 0.2 to 5 ms
  *
  * Returns touch->flag. PANDIS_INVALID, where position, dt, the stiffness or a material is out of range, means no force in
  * this tick: it drops to zero at once. Apart from damping, the force changes by at most the object's stiffness times
- * (twice the way of the probe + slide * dt). A jump of the object counts as a way of the probe. */
+ * (twice the probe's motion + slide * dt). A jump of the object counts as motion of the probe. */
 PANDIS_API pandis_flag pandis_contact_step(pandis_contact *contact, const pandis_object *object, const double position[3],
                                            double dt, pandis_touch *touch);
 
-/* [rt] Tell a contact that its object's field has another shape (pandis_refit): if the surface has moved past the proxy, the
+/* [rt] Notify a contact that its object's field has another shape (pandis_refit): if the surface has moved past the proxy, the
  * next step moves the proxy back out. */
 PANDIS_API void pandis_contact_reshaped(pandis_contact *contact);
 
@@ -591,22 +591,22 @@ typedef union {
     unsigned char bytes[256];
 } pandis_scene;
 
-/* Objects that are tested together, and doubles that a scene of `count` objects needs. */
+/* Number of objects that are tested together, and of doubles that a scene of `count` objects requires. */
 #define PANDIS_SCENE_BLOCK 32
 #define PANDIS_SCENE_ROOM(count) \
     (8 * PANDIS_SCENE_BLOCK * (((count) + sizeof(char) * (PANDIS_SCENE_BLOCK - 1)) / PANDIS_SCENE_BLOCK))
 
 /* Begin a scene.
  *
- * objects      count of them, kept by the caller, who may change them between calls: see pandis_scene_moved
- * room         of at least PANDIS_SCENE_ROOM(count) doubles, kept by the caller
- * room_length  doubles in the room
+ * objects      `count` objects, kept by the caller, who may change them between calls: see pandis_scene_moved
+ * room         memory of at least PANDIS_SCENE_ROOM(count) doubles, kept by the caller
+ * room_length  number of doubles in `room`
  *
  * Returns PANDIS_SUCCESS; PANDIS_ERROR_POSE: invalid objects are left out; or PANDIS_ERROR_COUNT: the scene is empty. */
 PANDIS_API pandis_error pandis_scene_open(pandis_scene *scene, const pandis_object *objects, size_t count, double *room,
                                           size_t room_length);
 
-/* [rt] Tell a scene that an object was moved, turned, scaled, reshaped (call pandis_contact_reshaped for its contact, too),
+/* [rt] Notify a scene that an object was moved, turned, scaled, reshaped (call pandis_contact_reshaped for its contact, too),
  * or given another field.
  *
  * object   its index
@@ -615,18 +615,18 @@ PANDIS_API pandis_error pandis_scene_open(pandis_scene *scene, const pandis_obje
  * such object. */
 PANDIS_API pandis_error pandis_scene_moved(pandis_scene *scene, size_t object);
 
-/* [rt] The sum of the penalty forces of all objects, in their order: bit for bit that of pandis_object_force as long as
- * no field's distance is farther off than its file says. It does not affect pandis_scene_touch, in whatever order they
- * are called. Returns the worst flag of the objects queried.
+/* [rt] The sum of the penalty forces of all objects, in their order: bit for bit that of pandis_object_force, provided
+ * that no field's distance error exceeds the bound in its file. It does not affect pandis_scene_touch, whatever the order
+ * of calls. Returns the worst flag of the objects queried.
  *
  * point    scene lengths, at most 1e100 */
 PANDIS_API pandis_flag pandis_scene_force(pandis_scene *scene, const double point[3], double force[3]);
 
 /* Begin a contact for each object.
  *
- * contacts  count of them, kept by the caller
- * options   count of them, copied; NULL: the defaults
- * count     that of the objects, else PANDIS_ERROR_COUNT
+ * contacts  `count` contacts, kept by the caller
+ * options   `count` options, copied; NULL: the defaults
+ * count     number of objects in the scene, else PANDIS_ERROR_COUNT
  *
  * Returns PANDIS_SUCCESS, or the first error of pandis_contact_open: that object is left out until this is called again. */
 PANDIS_API pandis_error pandis_scene_touch_open(pandis_scene *scene, pandis_contact *contacts,
@@ -638,28 +638,28 @@ PANDIS_API pandis_error pandis_scene_touch_open(pandis_scene *scene, pandis_cont
  * position  scene lengths, at most 1e100
  * dt        seconds since the last step, more than 0
  * touches   filled in for objects that are touched or whose proxy is behind; NULL: none
- * most      touches that there is room for
- * touched   how many such objects there are, which may be more than `most`; NULL: not wanted
+ * most      capacity of `touches`
+ * touched   number of such objects, which may exceed `most`; NULL: not wanted
  *
  * Returns the worst flag. */
 PANDIS_API pandis_flag pandis_scene_touch(pandis_scene *scene, const double position[3], double dt, double force[3],
                                           pandis_touch *touches, size_t most, size_t *touched);
 
-/* [rt] Fields that the last pandis_scene_force asked, or queries that the last pandis_scene_touch took. */
+/* [rt] Number of fields queried by the last pandis_scene_force, or of queries made by the last pandis_scene_touch. */
 PANDIS_API size_t pandis_scene_queries(const pandis_scene *scene);
 
 #if defined(__GNUC__) || defined(_MSC_VER)
 /* ---------------------------------------------------------------- objects that a simulation moves
  *
  * A simulation hands frames of poses over to the haptic loop; neither waits. Of three frames one is written, one is
- * followed, and the newest complete one is handed over. In each tick every object moves on without a jump to where it
- * will lie when the next frame is due. If that is late, it waits there. One thread gives, one steps. */
+ * followed, and the newest complete one is handed over. In each tick every object moves, without a jump, towards the
+ * pose predicted for the time when the next frame is due. If the frame is late, it waits there. One thread gives, one steps. */
 
-/* Where an object lies in a frame, and how it moves. */
+/* Pose and velocity of an object in a frame. */
 typedef struct {
     double rotation[9], translation[3]; /* as in pandis_object */
     double velocity[3];                 /* of the point at `translation`, scene lengths per second, at most 1e50 */
-    double spin[3];                     /* axis times radians per second, in the directions of the scene */
+    double spin[3];                     /* axis times radians per second, in scene coordinates */
 } pandis_pose;
 
 /* The state of the handover. Its contents are internal. */
@@ -668,14 +668,14 @@ typedef union {
     unsigned char bytes[128];
 } pandis_poses;
 
-/* Doubles that this many objects need. */
+/* Number of doubles that `count` objects require. */
 #define PANDIS_POSES_ROOM(count) (sizeof(char) * 68 * (count))
 
-/* Begin where the objects lie.
+/* Begin at the current poses of the objects.
  *
- * objects      count of them, kept by the caller, and moved by pandis_poses_step
- * room         of at least PANDIS_POSES_ROOM(count) doubles, kept by the caller
- * room_length  doubles in the room
+ * objects      `count` objects, kept by the caller, and moved by pandis_poses_step
+ * room         memory of at least PANDIS_POSES_ROOM(count) doubles, kept by the caller
+ * room_length  number of doubles in `room`
  *
  * Returns PANDIS_SUCCESS, PANDIS_ERROR_POSE or PANDIS_ERROR_COUNT. */
 PANDIS_API pandis_error pandis_poses_open(pandis_poses *poses, pandis_object *objects, size_t count, double *room,
@@ -684,16 +684,16 @@ PANDIS_API pandis_error pandis_poses_open(pandis_poses *poses, pandis_object *ob
 /* [rt] Hand over a frame, in the simulation's thread.
  *
  * frame    a pose for each object, copied
- * count    that of the objects, else PANDIS_ERROR_COUNT
+ * count    number of objects, else PANDIS_ERROR_COUNT
  * period   seconds until the next frame is due, more than 0 and at most 1e6
  *
  * Returns PANDIS_SUCCESS; or PANDIS_ERROR_POSE, and nothing is handed over: a rotation matrix is not a rotation,
- * something is not finite, or an object turns more than halfway round in the period. */
+ * a value is not finite, or an object turns more than halfway round in the period. */
 PANDIS_API pandis_error pandis_poses_give(pandis_poses *poses, const pandis_pose *frame, size_t count, double period);
 
 /* [rt] Move the objects, at the beginning of a tick. Returns 1 if there was a new frame, else 0.
  *
- * scene    that holds and follows them; or NULL
+ * scene    contains the objects and is notified; or NULL
  * dt       seconds since the last tick, more than 0 */
 PANDIS_API int pandis_poses_step(pandis_poses *poses, pandis_scene *scene, double dt);
 #endif
@@ -717,7 +717,7 @@ PANDIS_API int pandis_poses_step(pandis_poses *poses, pandis_scene *scene, doubl
 #if defined(__FAST_MATH__) || defined(__RECIPROCAL_MATH__) || (defined(__FINITE_MATH_ONLY__) && __FINITE_MATH_ONLY__ > 0) || defined(_M_FP_FAST)
 #error "pandis.h needs IEEE arithmetic: compile without -ffast-math (/fp:fast)"
 #endif
-#if FLT_EVAL_METHOD != 0 && FLT_EVAL_METHOD != 16 /* 16: half precision has arithmetic of its own */
+#if FLT_EVAL_METHOD != 0 && FLT_EVAL_METHOD != 16 /* 16: only half-precision arithmetic differs */
 #error "pandis.h needs float and double arithmetic as such: compile with -mfpmath=sse"
 #endif
 #ifndef PANDIS_NO_FILE
@@ -741,9 +741,9 @@ PANDIS_API int pandis_poses_step(pandis_poses *poses, pandis_scene *scene, doubl
 #define PANDIS__RESTRICT restrict
 #endif
 
-/* A plain -O2 is enough for all that follows. GCC then uses few vectors, and fewer still if an operation might trap, so
- * options are set here; clang needs none. Products and sums are rounded one by one, whatever the flags say, so that every
- * compiler, every machine and every vector width gives the same bits. */
+/* -O2 is enough for the code below. GCC then uses few vectors, and even fewer if an operation might trap, so options are
+ * set here; clang needs none. Products and sums are rounded separately, whatever the flags, so that all compilers,
+ * machines and vector widths give the same bits. */
 #if defined(__cplusplus) && defined(__GNUC__) /* the code is also C, which has no other casts */
 #pragma GCC diagnostic push
 #pragma GCC diagnostic ignored "-Wold-style-cast"
@@ -760,13 +760,13 @@ PANDIS_API int pandis_poses_step(pandis_poses *poses, pandis_scene *scene, doubl
 #define PANDIS__PUSHED
 #endif
 
-#if defined(__GNUC__) && !(defined(__clang__) && !defined(__OPTIMIZE__)) /* its stack would grow */
+#if defined(__GNUC__) && !(defined(__clang__) && !defined(__OPTIMIZE__)) /* without optimisation clang's stack would grow */
 #define PANDIS__INLINE static inline __attribute__((always_inline))
 #else
 #define PANDIS__INLINE static inline
 #endif
 
-/* Not inlined: its stack frame stays apart. */
+/* Not inlined, so that the function keeps a separate stack frame. */
 #if defined(__GNUC__)
 #define PANDIS__APART __attribute__((noinline))
 #elif defined(_MSC_VER)
@@ -789,20 +789,20 @@ PANDIS_API int pandis_poses_step(pandis_poses *poses, pandis_scene *scene, doubl
 #define PANDIS_MOST_DEPTH 16
 #endif
 
-#define PANDIS__LONGEST 1.8       /* of the unit frame: a mesh is scaled so that its longest side is this */
+#define PANDIS__LONGEST 1.8       /* longest side of a mesh in the unit frame */
 #define PANDIS__HALF (PANDIS__LONGEST / 2)
-#define PANDIS__FAR 1e150         /* farther points overflow when squared */
+#define PANDIS__FAR 1e150         /* larger coordinates overflow when squared */
 #define PANDIS__EDGE (1 - 1e-12)  /* the outermost faces of the box belong to its last cells */
-#define PANDIS__LANES 16          /* sums run in this many lanes, whatever the machine's vectors hold */
+#define PANDIS__LANES 16          /* number of lanes of a sum, whatever the machine's vector width */
 #define PANDIS__ROWS ((PANDIS_MOST_WIDTH + PANDIS__LANES - 1) / PANDIS__LANES * PANDIS__LANES)
-#define PANDIS__HEAP 512 /* boxes that can wait to be visited; above that, farther ones are dropped */
+#define PANDIS__HEAP 512 /* capacity of the queue of boxes to visit; if it is full, the farthest are dropped */
 #define PANDIS__STACK 704
-#define PANDIS__DEEPEST 100 /* each level leaves seven entries on the stack */
+#define PANDIS__DEEPEST 100 /* maximum depth of a tree: each level leaves seven entries on the stack */
 #define PANDIS__NO_BRICK 65535
 #define PANDIS__MOST_BITS 20
-#define PANDIS__SOON 192 /* at least this many boxes and faces are visited in tree order, before best-first */
+#define PANDIS__SOON 192 /* minimum number of boxes and faces visited in tree order, before best-first */
 #define PANDIS__SLACK 16 /* bytes after the last block that are read but not used */
-#define PANDIS__BLOCK 64 /* most faces, and most corners, of a block of a packed mesh */
+#define PANDIS__BLOCK 64 /* maximum number of faces, and of corners, per block of a packed mesh */
 
 static double pandis__dot(const double *u, const double *v) {
     return u[0] * v[0] + u[1] * v[1] + u[2] * v[2];
@@ -817,7 +817,7 @@ static void pandis__cross(const double *u, const double *v, double *out) {
 #define PANDIS__STIFFEST 1e100
 #define PANDIS__TINY 1e-150 /* squares of smaller numbers lose digits */
 
-/* Scale to unit length; 0 if it is 0. */
+/* Scale a vector to unit length; returns 0 if its length is 0. */
 static int pandis__normalise(double *v) {
     double length = sqrt(pandis__dot(v, v));
     if (!(length > PANDIS__TINY)) return 0;
@@ -825,7 +825,7 @@ static int pandis__normalise(double *v) {
     return 1;
 }
 
-/* Move a point into a box; returns how far. */
+/* Move a point into a box; returns the distance moved. */
 static double pandis__clamp_to(const double *low, const double *high, const double *u, double *inside) {
     double off[3];
     for (int k = 0; k < 3; k++) {
@@ -840,13 +840,13 @@ static double pandis__clamp(const double *u, double *inside) {
     return pandis__clamp_to(low, high, u, inside);
 }
 
-/* ---------------------------------------------------------------- what is behind the opaque states */
+/* ---------------------------------------------------------------- contents of the opaque states */
 
 typedef struct {
-    pandis_contact_options options; /* budget 0: it is not open */
+    pandis_contact_options options; /* budget 0: the contact is not open */
     int32_t state, planes, sticks, settled, close, stalled, idle, face, region;
     /* in the object's unit frame */
-    pandis_object object; /* as it lay in the last step */
+    pandis_object object; /* its pose in the last step */
     double ball[5], sunk, lift, pace, rested, proxy[3], probe[3], velocity[3], pull[3], plane[8][7];
 } pandis__contact;
 
@@ -854,9 +854,9 @@ typedef struct {
     const pandis_object *objects;
     size_t count;
     double *room;
-    size_t queries;           /* of the last answer */
-    pandis_contact *contacts; /* of each object; NULL: none */
-    double probe[3];          /* where it was in the last step of the contacts */
+    size_t queries;           /* in the last call */
+    pandis_contact *contacts; /* one per object; NULL: none */
+    double probe[3];          /* its position in the last step of the contacts */
 } pandis__scene;
 
 #if defined(__GNUC__) || defined(_MSC_VER)
@@ -900,8 +900,8 @@ PANDIS__ONCE PANDIS_API pandis_error pandis__check(const char *version, size_t f
 
 /* ---------------------------------------------------------------- vectors
  *
- * Sums run in lanes, in vector types where the compiler has them: it would not keep lanes in registers by itself.
- * Elsewhere a vector is one number. The order of additions is the same for every width. */
+ * Sums run in lanes. These are vector types if the compiler has them, since it would not keep lanes in registers by
+ * itself; otherwise a vector is one number. The order of additions is the same for every width. */
 #if (defined(__clang__) || (defined(__GNUC__) && __GNUC__ >= 9)) && !defined(PANDIS_NO_VECTORS)
 #if defined(__AVX512F__)
 #define PANDIS__VECTOR 16
@@ -914,7 +914,7 @@ typedef float pandis__vector __attribute__((vector_size(4 * PANDIS__VECTOR)));
 typedef float pandis__floats __attribute__((vector_size(4 * PANDIS__VECTOR), aligned(4), may_alias));
 typedef int16_t pandis__shorts __attribute__((vector_size(2 * PANDIS__VECTOR), aligned(2), may_alias));
 typedef int32_t pandis__ints __attribute__((vector_size(4 * PANDIS__VECTOR)));
-/* macros, as returning a vector from a function depends on the ABI */
+/* macros, because the ABI determines how a function returns a vector */
 #define pandis__load(p) (*(const pandis__floats *)(p))
 #define pandis__load16(p) __builtin_convertvector(*(const pandis__shorts *)(p), pandis__vector)
 #else
@@ -923,7 +923,7 @@ typedef float pandis__vector;
 #define pandis__load(p) (*(p))
 #define pandis__load16(p) ((float)*(p))
 #endif
-#if PANDIS__VECTOR == 8 && defined(__x86_64__) && defined(__GNUC__) && !defined(__clang__) /* which does so by itself */
+#if PANDIS__VECTOR == 8 && defined(__x86_64__) && defined(__GNUC__) && !defined(__clang__) /* clang does this by itself */
 #define pandis__load16_wide(p) \
     __builtin_convertvector((pandis__ints)__builtin_ia32_pmovsxwd256(*(const pandis__shorts *)(p)), pandis__vector)
 #ifdef __AVX2__
@@ -961,13 +961,13 @@ typedef float pandis__vector;
     static void name parameters { PANDIS__CHOOSE(name) arguments; }
 /* ---------------------------------------------------------------- sines */
 
-/* pi / 2 in three parts, the first two of few bits: whole multiples of them are exact. */
+/* pi / 2 in three parts, the first two of few bits, so that integer multiples of them are exact. */
 #define PANDIS__PART1 1.5703125f
 #define PANDIS__PART2 4.837512969970703125e-4f
 #define PANDIS__PART3 7.549789954891e-8f
 
-/* Sine and cosine, within 1.2e-7 for |x| up to 1e4; beyond, where no trained network goes, those of 0; NaN if x is not
- * finite. Minimax polynomials on [-pi/4, pi/4] (Cephes, Moshier). No branch, so that it vectorises. */
+/* Compute sine and cosine within 1.2e-7 for |x| up to 1e4. Beyond, where no trained network goes, results are those of 0;
+ * they are NaN if x is not finite. Minimax polynomials on [-pi/4, pi/4] (Cephes, Moshier). No branch, so that it vectorises. */
 PANDIS__INLINE void pandis__sine_cosine(float x, float *sine, float *cosine) {
     const float whole = 12582912.0f; /* adding 1.5 * 2^23 rounds to the nearest whole number */
     float none = x - x;              /* 0, or NaN if x is not finite */
@@ -983,8 +983,8 @@ PANDIS__INLINE void pandis__sine_cosine(float x, float *sine, float *cosine) {
     *cosine = ((quarter + 1) & 2 ? -b : b) + none;
 }
 
-/* Check the arithmetic that all of this relies on: sums are rounded in the order in which they are written, NaN stays
- * NaN. Some parts of -ffast-math break that, and set no macro. */
+/* Check the arithmetic that this code relies on: sums are rounded in the order in which they are written, and NaN stays
+ * NaN. Some options of -ffast-math break this and define no macro. */
 PANDIS__ONCE static int pandis__arithmetic(void) {
     /* sines and cosines of 3 and of -100, from a loop like that of network layers */
     static const float wanted[4] = {0.141120008f, -0.989992497f, 0.506365641f, 0.862318872f};
@@ -1008,7 +1008,7 @@ PANDIS__ONCE static int pandis__arithmetic(void) {
 
 /* ---------------------------------------------------------------- B-splines */
 
-/* Cubic B-spline weights of the four nodes around t in [0, 1), and their derivatives by t. */
+/* Cubic B-spline weights of the four nodes around t in [0, 1), and their derivatives with respect to t. */
 PANDIS__INLINE void pandis__weigh(double t, double *w, double *dw) {
     double s = 1 - t;
     w[0] = s * s * s / 6, w[3] = t * t * t / 6;
@@ -1017,7 +1017,7 @@ PANDIS__INLINE void pandis__weigh(double t, double *w, double *dw) {
     dw[1] = t * (3 * t - 4) / 2, dw[2] = -s * (3 * s - 4) / 2;
 }
 
-/* Find the cell of a point and the weights of its 4 x 4 x 4 nodes; 0 outside of the lattice. */
+/* Find the cell of a point and the weights of its 4 x 4 x 4 nodes; returns 0 outside the lattice. */
 PANDIS__INLINE int pandis__place(int32_t size, double low, double per_step, const double *p, int *first, double (*w)[4],
                                  double (*dw)[4]) {
     for (int k = 0; k < 3; k++) {
@@ -1030,7 +1030,7 @@ PANDIS__INLINE int pandis__place(int32_t size, double low, double per_step, cons
     return 1;
 }
 
-/* Four numbers at once, where the compiler has vectors: each is computed as it would be alone. */
+/* Four numbers at once, if the compiler has vectors; each result is the same as if computed alone. */
 #if defined(PANDIS__VECTOR) && PANDIS__VECTOR > 1
 typedef double pandis__four __attribute__((vector_size(32)));
 typedef float pandis__four_floats __attribute__((vector_size(16), aligned(4), may_alias));
@@ -1064,7 +1064,7 @@ PANDIS__INLINE void pandis__tensor(const float *c, double (*w)[4], double (*dw)[
     }
 }
 
-/* The 64 coefficients of a lattice that holds them all. */
+/* Read the 64 coefficients around a point from a dense lattice. */
 static void pandis__gather(const float *values, int32_t size, const int *first, float *c) {
     for (int x = 0; x < 4; x++)
         for (int y = 0; y < 4; y++)
@@ -1072,7 +1072,7 @@ static void pandis__gather(const float *values, int32_t size, const int *first, 
                    values + ((ptrdiff_t)(first[0] + x) * size + first[1] + y) * size + first[2], 4 * sizeof *c);
 }
 
-/* Value and gradient at a point of the box, from a lattice around it. */
+/* Compute value and gradient at a point of the box, from a lattice that covers it. */
 static void pandis__cubic(const pandis__lattice *l, const double *u, double *value, double *gradient) {
     double within[3], w[3][4], dw[3][4];
     float c[64];
@@ -1094,7 +1094,7 @@ PANDIS__INLINE int pandis__count_bits(uint64_t x) {
 #endif
 }
 
-/* Where the eight coefficients of a block of a brick begin, or -1 if it is not kept. */
+/* Index of the first of a block's eight coefficients, or -1 if the block is not stored. */
 PANDIS__INLINE int32_t pandis__block_of(const pandis__layout *l, uint16_t brick, int bit) {
     if (brick == PANDIS__NO_BRICK) return -1;
     uint64_t mask = l->mask[brick], one = (uint64_t)1 << bit;
@@ -1119,7 +1119,7 @@ PANDIS__INLINE int32_t pandis__least(const int32_t *keys) {
     return least;
 }
 
-/* A squared distance as a key: boxes with larger keys are farther. */
+/* Convert a squared distance to a key: boxes with larger keys are farther. */
 static int32_t pandis__key(float squared) {
     int32_t key;
     memcpy(&key, &squared, sizeof key);
@@ -1153,7 +1153,7 @@ static pandis__waiting pandis__next(pandis__waiting *heap, int count) {
     return first;
 }
 
-/* Queue a box. If there is no room, the farther of it and the last one is dropped: 1, and its key. */
+/* Queue a box. If the queue is full, drop the farther of this box and the last one, and return 1 and its key. */
 static int pandis__wait_or_drop(pandis__waiting *heap, int *count, int32_t key, int32_t child, int32_t *out) {
     pandis__waiting one = {key, child};
     if (*count < PANDIS__HEAP) {
@@ -1206,7 +1206,7 @@ PANDIS__INLINE void pandis__eight_distances(float (*v)[3][PANDIS__WIDTH], const 
 /* How much too large the distance d to any of eight triangles can be in single precision, besides rounding of the point:
  * at most slack[0] + slack[1] * d. With B = 1 / the sine of the angle at the first corner and the unit
  * roundoff e, the foot inside a triangle is off by less than e (32 B (d + longest side) + 8 B^2 d). If a triangle is so
- * narrow that half its least height is less, that bounds it: an edge is as near. */
+ * narrow that half its smallest height is less, that is the bound: an edge is as near. */
 static void pandis__slacks(float (*v)[3][PANDIS__WIDTH], float *slack) {
     const float e = 6e-8f;
     float off[PANDIS__WIDTH], share[PANDIS__WIDTH];
@@ -1264,7 +1264,7 @@ static const double *pandis__corner(const pandis__mesh *t, int32_t face, int k) 
     return t->vertices + 3 * (ptrdiff_t)t->faces[3 * (ptrdiff_t)face + k];
 }
 
-/* The unit normal of a face; from its two shortest edges, whose product is the most exact. */
+/* Compute the unit normal of a face from its two shortest edges, whose cross product is the most accurate. */
 static int pandis__face_normal(const pandis__mesh *t, int32_t face, double *n) {
     double side[3][3], length[3];
     for (int k = 0; k < 3; k++) {
@@ -1292,7 +1292,7 @@ static void pandis__edge_foot(const double *p, const double *a, const double *b,
     *s = t, *squared = pandis__dot(offset, offset);
 }
 
-/* The closest point on a triangle's edges, and the corner or edge that holds it. Returns its squared distance. */
+/* Find the closest point on a triangle's edges, and its corner or edge. Returns the squared distance. */
 static double pandis__rim_foot(const double *const *c, const double *p, pandis__foot *foot) {
     double best = (double)INFINITY;
     memset(foot, 0, sizeof *foot);
@@ -1310,7 +1310,7 @@ static double pandis__rim_foot(const double *const *c, const double *p, pandis__
     return best;
 }
 
-/* The same inside the triangle; returns whether it is there and no farther than `best` (squared). */
+/* Find the closest point inside the triangle; returns whether there is one no farther than `best` (squared). */
 static int pandis__inner_foot(const double *const *c, const double *p, double best, pandis__foot *foot) {
     double u[3], v[3], x[3], n[3];
     for (int k = 0; k < 3; k++) u[k] = c[1][k] - c[0][k], v[k] = c[2][k] - c[0][k], x[k] = p[k] - c[0][k];
@@ -1319,7 +1319,7 @@ static int pandis__inner_foot(const double *const *c, const double *p, double be
     if (!(det > 0)) return 0;
     double uu = pandis__dot(u, u), uv = pandis__dot(u, v), vv = pandis__dot(v, v), s = 0, r = 0, rest[3];
     memcpy(rest, x, sizeof rest);
-    for (int round = 0; round < 2; round++) { /* the second round mends needles */
+    for (int round = 0; round < 2; round++) { /* the second round refines the result on needles */
         double du = pandis__dot(u, rest), dv = pandis__dot(v, rest);
         s += (vv * du - uv * dv) / det, r += (uu * dv - uv * du) / det;
         for (int k = 0; k < 3; k++) rest[k] = x[k] - s * u[k] - r * v[k];
@@ -1340,7 +1340,7 @@ static void pandis__find_foot(const double *const *c, const double *p, pandis__f
     foot->distance = sqrt(pandis__dot(foot->offset, foot->offset));
 }
 
-/* Keep the feature that the closest point is on. */
+/* Store the feature that contains the closest point. */
 static void pandis__keep_feature(const double *const *c, const pandis__foot *foot, pandis__start *begin) {
     begin->round = foot->corner >= 0 || foot->edge >= 0;
     if (foot->edge < 0) return;
@@ -1365,7 +1365,7 @@ static void pandis__corner_normal(const pandis__mesh *t, int32_t face, int k, co
     for (int i = 0; i < 3; i++) sum[i] += angle * n[i];
 }
 
-/* The normal of a vertex; if the mesh moves, from its current faces. */
+/* Compute the normal of a vertex; if the mesh moves, from its current faces. */
 static void pandis__vertex_normal(const pandis__mesh *t, int32_t vertex, double *n) {
     if (!t->around) {
         memcpy(n, t->vertex_normals + 3 * (ptrdiff_t)vertex, 3 * sizeof *n);
@@ -1380,7 +1380,7 @@ static void pandis__vertex_normal(const pandis__mesh *t, int32_t vertex, double 
     (void)pandis__normalise(n);
 }
 
-/* The angle-weighted pseudonormal of what the closest point lies on; unit length. */
+/* Compute the angle-weighted pseudonormal, of unit length, of the feature that contains the closest point. */
 static void pandis__pseudonormal(const pandis__mesh *t, int32_t face, const pandis__foot *foot, double *n) {
     if (foot->corner >= 0) {
         pandis__vertex_normal(t, t->faces[3 * (ptrdiff_t)face + foot->corner], n);
@@ -1396,8 +1396,8 @@ static void pandis__pseudonormal(const pandis__mesh *t, int32_t face, const pand
     if (!known) n[0] = n[1] = 0, n[2] = 1;
 }
 
-/* The side that a point is on: -1 inside. Beyond all vertices it is outside: very far
- * away all triangles are equally near, and their normals tell nothing. */
+/* Whether no coordinate of a point exceeds the largest of the vertices. Beyond, the point is outside: very far
+ * away all triangles are equally near, and their normals do not determine the side. */
 static int pandis__within(const pandis__mesh *t, const double *p) {
     return fabs(p[0]) <= t->reach && fabs(p[1]) <= t->reach && fabs(p[2]) <= t->reach;
 }
@@ -1408,7 +1408,7 @@ static double pandis__sign(const pandis__mesh *t, const double *p, const pandis_
 
 /* ---------------------------------------------------------------- the nearest face of a mesh
  *
- * Leaves find candidates for the nearest face in single precision; double precision decides. */
+ * Candidates for the nearest face are found in single precision, by leaves; double precision decides. */
 
 /* The keys of a node's boxes: lower bounds of the squared distances to their contents. */
 PANDIS__INLINE void pandis__box_keys(const pandis__node *PANDIS__RESTRICT n, const float *PANDIS__RESTRICT p,
@@ -1436,8 +1436,8 @@ static int32_t pandis__limit_key(double limit) {
 
 #define PANDIS__FOUR 4
 
-/* The squared distances to four faces, in double precision. Among faces about equally near, the least of these numbers
- * decides. */
+/* Compute the squared distances to four faces in double precision. Among faces that are about equally near, the smallest
+ * of these numbers decides. */
 PANDIS__INLINE void pandis__four_squared(const pandis__mesh *t, const int32_t *faces, const double *PANDIS__RESTRICT p,
                                  double *PANDIS__RESTRICT out) {
     double a[3][PANDIS__FOUR], b[3][PANDIS__FOUR], c[3][PANDIS__FOUR];
@@ -1457,7 +1457,7 @@ PANDIS__INLINE void pandis__four_squared(const pandis__mesh *t, const int32_t *f
         double wx = vx - ux, wy = vy - uy, wz = vz - uz, bx = x - ux, by = y - uy, bz = z - uz;
         double nx = uy * vz - uz * vy, ny = uz * vx - ux * vz, nz = ux * vy - uy * vx;
         double det = nx * nx + ny * ny + nz * nz;
-        /* an edge without length gives 0 / 0, NaN, which counts as 0; a face without area, as outside of it */
+        /* an edge without length gives 0 / 0 = NaN, which counts as 0; with a face without area, the foot counts as outside */
         double s = pandis__clamp01(du * (1 / uu)), r = pandis__clamp01(dv * (1 / vv));
         double rx = x - s * ux, ry = y - s * uy, rz = z - s * uz;
         double best = rx * rx + ry * ry + rz * rz;
@@ -1477,7 +1477,7 @@ PANDIS__INLINE void pandis__four_squared(const pandis__mesh *t, const int32_t *f
     }
 }
 
-#define PANDIS__MAYBE 12 /* faces that can wait to be computed in double precision */
+#define PANDIS__MAYBE 12 /* capacity of the queue of faces for double precision */
 
 /* State of a search for the nearest face: an upper bound of its distance; the nearest face computed in double precision,
  * and its squared distance; how many nodes, leaves and faces may still be visited; the key of the nearest box that was
@@ -1493,13 +1493,13 @@ typedef struct {
     } maybe[PANDIS__MAYBE];
 } pandis__seeking;
 
-/* How far a face within a limit can seem to be, squared. */
+/* Largest squared distance in single precision of a face within a limit. */
 static double pandis__may_seem(double limit, const float *slack) {
     double most = (limit + (double)slack[0]) * (1 + 2 * (double)slack[1]);
     return most * most * (1 + 1e-6);
 }
 
-/* Compute the waiting faces. */
+/* Compute the distances to the waiting faces in double precision. */
 PANDIS__INLINE void pandis__settle(const pandis__mesh *t, const double *p, pandis__seeking *s) {
     double squared[PANDIS__FOUR];
     int32_t faces[PANDIS__FOUR];
@@ -1536,8 +1536,8 @@ PANDIS__APART static void pandis__moved_triangles(const pandis__mesh *t, ptrdiff
         }
 }
 
-/* Squared distances to the triangles of a leaf in single precision, and their error bounds. Returns the least. Zeros, and
- * -1 as the least, where single precision cannot hold squares. */
+/* Compute squared distances to the triangles of a leaf in single precision, and their error bounds. Returns the smallest.
+ * If single precision cannot represent the squares, they are zeros, and -1 is returned. */
 PANDIS__INLINE double pandis__seem(const pandis__mesh *t, const pandis__leaf *leaf, const double *p, double *seems, float *slack) {
     float v[3][3][PANDIS__WIDTH], q[3] = {0, 0, 0}, d[PANDIS__WIDTH] = {0};
     double step = t->around ? 1 : (double)leaf->step, per_step = 1 / step;
@@ -1561,7 +1561,7 @@ PANDIS__INLINE double pandis__seem(const pandis__mesh *t, const pandis__leaf *le
     return small ? (double)least * (step * step) : -1;
 }
 
-/* Collect those triangles of a leaf that may be nearest. */
+/* Collect the triangles of a leaf that may be nearest. */
 PANDIS__INLINE void pandis__look_into(const pandis__mesh *t, const pandis__leaf *leaf, const double *p, pandis__seeking *s) {
     double seems[PANDIS__WIDTH], farthest;
     float slack[2];
@@ -1579,7 +1579,7 @@ PANDIS__INLINE void pandis__look_into(const pandis__mesh *t, const pandis__leaf 
     }
 }
 
-/* Descend depth-first, the nearest box first; for most points that soon finds the nearest face. */
+/* Descend depth-first, the nearest box first; for most points this finds the nearest face early. */
 PANDIS__INLINE void pandis__seek_depth_body(const pandis__mesh *t, const double *p, pandis__seeking *s) {
     struct {
         int32_t keys[PANDIS__WIDTH], node;
@@ -1640,8 +1640,8 @@ PANDIS__INLINE void pandis__seek_best_body(const pandis__mesh *t, const double *
 
 PANDIS__COMPILE(pandis__seek_best, (const pandis__mesh *t, const double *p, pandis__seeking *s), (t, p, s))
 
-/* The nearest face no farther than `limit`, by its distance in double precision; INT32_MAX if there is none. If the
- * search was cut short, all others are at least `clear` away; else it is infinite. */
+/* Find the nearest face within `limit`, by its distance in double precision; INT32_MAX if there is none. `clear`: if the
+ * search was cut short, the least distance of all other faces; else infinite. */
 static int32_t pandis__nearest(const pandis__mesh *t, const double *p, double limit, double *clear) {
     pandis__seeking s;
     int32_t soon = pandis__soon(t->most);
@@ -1669,7 +1669,7 @@ static int32_t pandis__nearest(const pandis__mesh *t, const double *p, double li
     return s.face;
 }
 
-/* Which of a node's boxes a segment from a point meets, from some share of it on: a bit each. */
+/* Bit mask of a node's boxes that a segment from a point meets beyond the share `from` of its length. */
 static int pandis__nodes_between(const pandis__node *node, const double *p, const double *way, double from) {
     int met = 0;
     for (int i = 0; i < PANDIS__WIDTH; i++) {
@@ -1685,8 +1685,8 @@ static int pandis__nodes_between(const pandis__node *node, const double *p, cons
     return met;
 }
 
-/* The side of a point, by the first face on the way to a target: -1 inside. It is clear up to the share `from`. If too
- * many faces are met, the target's own decides. */
+/* Find the side of a point (-1: inside) from the first face on the segment to a target, which is free up to the share
+ * `from`. If the segment meets too many faces, the target's face decides. */
 PANDIS__APART static double pandis__first_sign(const pandis__mesh *t, const double *p, const double *target,
                                                const double *n, double from) {
     int32_t stack[PANDIS__STACK], left = t->most;
@@ -1716,7 +1716,7 @@ PANDIS__APART static double pandis__first_sign(const pandis__mesh *t, const doub
     return sign;
 }
 
-/* The sign of a point after a search that was cut short: other faces may be nearer, but not than `clear`. */
+/* Find the sign of a point after a search that was cut short: other faces may be nearer, but not nearer than `clear`. */
 static double pandis__cut_sign(const pandis__mesh *t, const double *p, int32_t face, const pandis__foot *foot,
                                double clear) {
     double target[3], n[3]; /* next to the foot, within the face */
@@ -1732,8 +1732,8 @@ static double pandis__cut_sign(const pandis__mesh *t, const double *p, int32_t f
 PANDIS__APART static pandis_flag pandis__answer_mesh(const pandis__mesh *t, const double *u, pandis__start *begin,
                                              double *distance, double *normal, double *clear) {
     pandis__foot foot;
-    double limit = begin->guess * (1 + 1e-9) + 1e-12 * t->reach; /* with room for rounding */
-    /* a reach, with room for what leaves lose on slivers */
+    double limit = begin->guess * (1 + 1e-9) + 1e-12 * t->reach; /* with a margin for rounding */
+    /* a reach, with a margin for the errors of leaves on slivers */
     int beyond = begin->reach < 1e18 && begin->reach < limit;
     if (beyond) limit = begin->reach * (1 + 1e-6) + 1e-5 * t->reach;
     int32_t face = pandis__nearest(t, u, limit, clear);
@@ -1763,20 +1763,20 @@ PANDIS__APART static pandis_flag pandis__answer_mesh(const pandis__mesh *t, cons
 }
 /* ---------------------------------------------------------------- closest points of a packed mesh
  *
- * The mesh's vertices lie on a lattice. Its faces come in blocks of up to 64, each with corners of its
- * own in as few bits as it needs, and eight boxes around eight faces each; a tree of eight-wide branches
+ * The mesh's vertices lie on a lattice. Its faces are stored in blocks of up to 64. Each block
+ * has separate corners, in as few bits as possible, and eight boxes around eight faces each; a tree of eight-wide branches
  * leads to the blocks. The nearest face is found in single precision, relative to the block; its closest
  * point and the answer are then computed in double.
  *
  * The side of a point whose closest point lies on an edge or a corner: all points with that closest point
  * form a convex cone that the surface does not enter, so they are on the same side. Two bits store it, and no
- * neighbour is needed. Where faces around are nearly coplanar, and inside faces, the face itself tells. Where
- * the lattice has folded the surface over itself no face does: there crossings of a ray are counted. */
+ * neighbour is needed. Where faces around are nearly coplanar, and inside faces, the face itself determines the
+ * side. Where the lattice has folded the surface over itself no face does: there ray crossings are counted. */
 
 enum { PANDIS__BY_FACE, PANDIS__OUTSIDE, PANDIS__INSIDE, PANDIS__BY_RAY };
 
 typedef struct {
-    const unsigned char *boxes, *faces, *words, *sides; /* sides: NULL if every face tells its own */
+    const unsigned char *boxes, *faces, *words, *sides; /* sides: NULL if every face determines the side */
     int32_t origin[3];
     int face_count, groups, corner_count, bits[3], stride; /* stride: bytes of a corner's word */
     int shift[3]; /* of its boxes */
@@ -1818,7 +1818,7 @@ PANDIS__INLINE uint64_t pandis__word(const pandis__packed *b, int corner) {
     return word;
 }
 
-/* Where the corners of eight faces lie, relative to the block's origin: (3 corners, 3 axes, 8). */
+/* Read the corners of eight faces, relative to the block's origin: (3 corners, 3 axes, 8). */
 PANDIS__INLINE void pandis__group_corners(const pandis__packed *b, int group, float (*out)[3][PANDIS__WIDTH]) {
     const unsigned char *faces = b->faces + PANDIS__GROUP_BYTES * group;
     uint32_t xy[PANDIS__WIDTH], z[PANDIS__WIDTH], mask[3];
@@ -1876,8 +1876,8 @@ PANDIS__INLINE void pandis__group_distances(const pandis__packed *b, int group, 
 }
 /* ---------------------------------------------------------------- answers of a packed mesh */
 
-/* The nearest face so far: its squared distance, also as a key, and block * 64 + its place there. Also how many groups
- * and blocks may still be visited, and the key of the nearest that was not. */
+/* State of a search: the nearest face so far (squared distance, its key, and block * 64 + place), the remaining budget of
+ * groups and blocks, and the key of the nearest group or block that was not visited. */
 typedef struct {
     float squared;
     int32_t key, face, left, unseen;
@@ -1915,7 +1915,7 @@ PANDIS__INLINE void pandis__branch_keys(const pandis__branch *branch, const doub
     pandis__byte_bounds(branch->boxes[0], branch->count, shift, q, keys);
 }
 
-/* Descend depth-first, the nearest branch first; for most points that soon finds the nearest face. */
+/* Descend depth-first, the nearest branch first; for most points this finds the nearest face early. */
 PANDIS__INLINE void pandis__search_depth_body(const pandis__compact *t, const double *p, pandis__near *best) {
     struct {
         int32_t keys[PANDIS__WIDTH];
@@ -1975,8 +1975,8 @@ PANDIS__INLINE void pandis__search_best_body(const pandis__compact *t, const dou
 
 PANDIS__COMPILE(pandis__search_best, (const pandis__compact *t, const double *p, pandis__near *best), (t, p, best))
 
-/* The nearest face to a point in steps of the lattice: block * 64 + place; INT32_MAX if there is none within the
- * reach (steps). If the search was cut short, all others are at least `clear` away, squared; else it is infinite. */
+/* Find the face nearest to a point in lattice steps: block * 64 + place; INT32_MAX if there is none within `reach`
+ * (steps). `clear`: if the search was cut short, the squared distance that all other faces exceed; else infinite. */
 static int32_t pandis__search(const pandis__compact *t, const double *p, double reach, float *clear) {
     int32_t soon = pandis__soon(t->most);
     pandis__near best = {FLT_MAX, INT32_MAX - 1, INT32_MAX, soon, INT32_MAX};
@@ -1991,13 +1991,13 @@ static int32_t pandis__search(const pandis__compact *t, const double *p, double 
     return best.face;
 }
 
-/* One corner of a block, in steps of the lattice. */
+/* Read the position of a block's corner, in lattice steps. */
 static void pandis__packed_corner(const pandis__packed *b, int corner, double *out) {
     uint64_t word = pandis__word(b, corner);
     for (int k = 0; k < 3; word >>= b->bits[k++]) out[k] = b->origin[k] + (double)(word & ((1u << b->bits[k]) - 1));
 }
 
-/* The corners of a face: their numbers in the block, and where they lie. */
+/* Read the corners of a face: their numbers in the block, and their positions. */
 static void pandis__face_corners(const pandis__packed *b, int place, int *corners, double (*at)[3]) {
     const unsigned char *faces = b->faces + PANDIS__GROUP_BYTES * (place / PANDIS__WIDTH);
     for (int k = 0; k < 3; k++) {
@@ -2009,7 +2009,7 @@ static void pandis__face_corners(const pandis__packed *b, int place, int *corner
 /* An entry of a two-bit list. */
 static int pandis__two_bits(const unsigned char *list, int at) { return list[at / 4] >> 2 * (at % 4) & 3; }
 
-/* Which of eight boxes a ray from a point along x meets: a bit each. */
+/* Bit mask of the boxes, of eight, that a ray from a point along x meets. */
 static int pandis__boxes_ahead(const unsigned char *boxes, int count, const int32_t *origin, const int *shift,
                                const double *p) {
     int met = 0;
@@ -2024,7 +2024,7 @@ static int pandis__boxes_ahead(const unsigned char *boxes, int count, const int3
 }
 
 /* Twice the signed area that an edge and a point span, seen along x. The edge's two directions give exactly opposite
- * values, so that a ray next to it meets one of its two faces. */
+ * values, so that a ray close to the edge meets exactly one of its two faces. */
 static double pandis__beside(const double *a, const double *b, const double *p) {
     int turn = a[1] > b[1] || (a[1] == b[1] && a[2] > b[2]);
     const double *s = turn ? b : a, *e = turn ? a : b;
@@ -2032,14 +2032,14 @@ static double pandis__beside(const double *a, const double *b, const double *p) 
     return turn ? -area : area;
 }
 
-/* How a triangle changes the winding number along a ray from a point along x. */
+/* Change of the winding number at a triangle, for a ray from a point along x. */
 static int pandis__crossing(const double (*c)[3], const double *p) {
     double area[3], all = 0, x = 0;
     int left = 0;
     for (int k = 0; k < 3; k++) {
         const double *a = c[k], *b = c[(k + 1) % 3];
         area[k] = pandis__beside(a, b, p);
-        /* on the edge: to the left of it if it leads upwards */
+        /* a point on the edge counts as left of it if the edge leads upwards */
         left += area[k] > 0 || (area[k] == 0 && (a[1] < b[1] || (a[1] == b[1] && a[2] < b[2])));
         all += area[k];
     }
@@ -2048,7 +2048,7 @@ static int pandis__crossing(const double (*c)[3], const double *p) {
     return x > p[0] ? (all > 0 ? 1 : -1) : 0;
 }
 
-/* The winding number of the surface around a point: faces that a ray along x leaves, less those that it enters. */
+/* Winding number of a point: exits minus entries of a ray along x through the faces. */
 PANDIS__APART static int pandis__winding(const pandis__compact *t, const double *p) {
     int32_t stack[PANDIS__STACK];
     int top = 1, turns = 0, shift[3];
@@ -2077,7 +2077,7 @@ PANDIS__APART static int pandis__winding(const pandis__compact *t, const double 
     return turns;
 }
 
-/* Which of eight boxes a segment from a point meets, from some share of it on: a bit each. */
+/* Bit mask of the boxes, of eight, that a segment from a point meets beyond the share `from` of its length. */
 static int pandis__boxes_between(const unsigned char *boxes, int count, const int32_t *origin, const int *shift,
                                  const double *p, const double *way, double from) {
     int met = 0;
@@ -2095,8 +2095,8 @@ static int pandis__boxes_between(const unsigned char *boxes, int count, const in
     return met;
 }
 
-/* The side of a point, by the first face on the way to a target. It is clear up to the share `from`. If too many faces
- * are met, the target's own decides. */
+/* Find the side of a point from the first face on the segment to a target, which is free up to the share `from`. If the
+ * segment meets too many faces, the target's face decides. */
 PANDIS__APART static int pandis__first_side(const pandis__compact *t, const double *p, const double *target,
                                             const double *n, double from) {
     int32_t stack[PANDIS__STACK], left = t->most;
@@ -2132,7 +2132,7 @@ PANDIS__APART static int pandis__first_side(const pandis__compact *t, const doub
     return side;
 }
 
-/* What tells the side of a point with this closest point. */
+/* How to find the side of a point with this closest point. */
 static int pandis__tells(const pandis__packed *b, int place, const int *corners, const pandis__foot *foot) {
     int tells = PANDIS__BY_FACE;
     if (!b->sides) return tells;
@@ -2144,7 +2144,7 @@ static int pandis__tells(const pandis__packed *b, int place, const int *corners,
     return tells == PANDIS__BY_FACE ? pandis__two_bits(faces, place) : tells;
 }
 
-/* The side of a point after a search that was cut short: other faces may be nearer, but not than `clear`. */
+/* Find the side of a point after a search that was cut short: other faces may be nearer, but not nearer than `clear`. */
 static int pandis__cut_side(const pandis__compact *t, const double *p, const double (*corner)[3],
                             const pandis__foot *foot, const double *n, double clear) {
     double target[3]; /* next to the foot, within the face */
@@ -2207,14 +2207,14 @@ PANDIS__APART static pandis_flag pandis__answer_compact(const pandis__compact *t
 
 /* ---------------------------------------------------------------- networks */
 
-/* A network is as fast as its weights arrive: prefetch the next rows while these are used. */
+/* Reading the weights limits the speed of a network: prefetch the next rows while these are used. */
 #if PANDIS__VECTOR > 1
 #define PANDIS__FETCH(p) __builtin_prefetch(p)
 #else
 #define PANDIS__FETCH(p) ((void)(p))
 #endif
 
-/* Each of the following, for 32-bit and 16-bit weights. */
+/* Define a function for 32-bit and for 16-bit weights. */
 #define PANDIS__KINDS(make)                                                                                      \
     PANDIS__TWICE(make(pandis__load, float, f_plain, static) make(pandis__load16, int16_t, h_plain, static),     \
                   make(pandis__load, float, f_wide, PANDIS__WIDE static)                                         \
@@ -2240,7 +2240,7 @@ PANDIS__APART static pandis_flag pandis__answer_compact(const pandis__compact *t
     }
 PANDIS__KINDS(PANDIS__ADD)
 
-/* The same for four points, whose h and out lie `stride` apart: sums stay in registers, and each weight is read once
+/* The same for four points, whose h and out are `stride` apart: sums stay in registers, and each weight is read once
  * for all four. The order of additions is the same as above. */
 #define PANDIS__ADD_FOUR(load, type, tail, how)                                                                  \
     how void pandis__add_four_##tail(const type *w, const float *h, int rows, int stride, float *out) {          \
@@ -2322,7 +2322,7 @@ PANDIS__KINDS(PANDIS__DOT)
     }
 PANDIS__KINDS(PANDIS__DOT_FOUR)
 
-/* One of the above, for one point or for four. */
+/* Call one of the above, for one point or for four. */
 #define PANDIS__EITHER(load, type, tail, how)                                                                    \
     how void pandis__sums_##tail(const type *w, const float *h, int rows, int stride, float *out, int count) {   \
         if (count == 4)                                                                                          \
@@ -2341,17 +2341,17 @@ PANDIS__KINDS(PANDIS__EITHER)
 
 #define PANDIS__ROOM (PANDIS__ROWS * (PANDIS_MOST_DEPTH + 2))
 
-/* Rows of numbers that a network needs for a point: a layer's input, its output, and slopes (of every layer if the normal
- * is the gradient). */
+/* Number of rows of memory that a network needs per point: a layer's input, its output, and slopes (of every layer if the
+ * normal is the gradient). */
 static int pandis__rows(const pandis__network *n) { return n->outputs == 1 ? n->depth + 2 : 3; }
 
-/* Whether four points at a time fit into the room of one with the largest network. */
+/* Whether four points at a time fit into the memory that one point of the largest network needs. */
 static int pandis__fits_four(const pandis__network *n) {
     return 4 * (ptrdiff_t)n->stride * pandis__rows(n) <= PANDIS__ROOM;
 }
 
-/* x -> sin(W x + b) ... -> phi and psi, or phi and its gradient; w0 is folded into W and b. For one point, or
- * for four with one reading of the weights: answers are the same. Without normals (NULL) no gradient is
+/* Evaluate x -> sin(W x + b) ... -> phi and psi, or phi and its gradient; w0 is folded into W and b. Four points
+ * share one pass over the weights; the answers are the same as for one. If normals are NULL, no gradient is
  * computed. */
 PANDIS__INLINE void pandis__answer_network_body(const pandis__network *n, int count, double (*u)[3], double *distance,
                                                 double (*normal)[3], pandis_flag *flag) {
@@ -2439,7 +2439,7 @@ static const float *pandis__at(const pandis__grid *g, const int *i) {
 
 static double pandis__mix(double a, double b, double t) { return a * (1 - t) + b * t; }
 
-/* Corner values around a point, x slowest, and where in the cell it is. */
+/* Find the corner values around a point, x slowest, and its position in the cell. */
 static void pandis__corners(const pandis__grid *g, const double *p, const float **corner, double *t) {
     int first[3];
     for (int k = 0; k < 3; k++) {
@@ -2513,8 +2513,8 @@ typedef int32_t pandis__four_ints __attribute__((vector_size(16)));
 PANDIS__RESTORE(int16_t, pandis__four_shorts, coarse)
 PANDIS__RESTORE(int8_t, pandis__four_bytes, fine)
 
-/* Collect the 64 coefficients around a point, block by block; blocks that are not kept give zeros. Returns whether any
- * block is kept; for the coarse lattice, useless if incomplete, whether all are. */
+/* Collect the 64 coefficients around a point, block by block; blocks that are not stored give zeros. Returns whether any
+ * block is stored; for the coarse lattice, which is useless if incomplete, whether all are. */
 PANDIS__INLINE int pandis__collect(const pandis__spline *s, int level, const int *first, float *c) {
     const pandis__layout *l = s->layout + level;
     int found = 0, low[3], blocks[3];
@@ -2549,8 +2549,8 @@ PANDIS__INLINE int pandis__collect(const pandis__spline *s, int level, const int
     return found;
 }
 
-/* Add one level's value and gradient; returns as pandis__collect does. With `cells` of this very spline, nothing is
- * collected twice for points near each other. */
+/* Add one level's value and gradient; returns as pandis__collect does. With a cache `cells` of this spline,
+ * coefficients around recent points are not collected again. */
 PANDIS__INLINE int pandis__add_level(const pandis__spline *s, int level, const double *p, pandis__cells *cells,
                                      double *value, double *gradient) {
     const pandis__layout *l = s->layout + level;
@@ -2572,10 +2572,10 @@ PANDIS__INLINE int pandis__add_level(const pandis__spline *s, int level, const d
 }
 
 /* Where two walls are about equally near, a spline rounds the crease between them: its gradient is
- * shorter than 1. The distance is linear towards the nearest wall. So the answer is taken nearer to it,
- * where less is rounded, and extrapolated back. */
-#define PANDIS__LIFT 0.7    /* in steps of the coarse lattice, at most */
-#define PANDIS__SHORT 0.02  /* how much of the squared gradient must be missing */
+ * shorter than 1. The distance is linear towards the nearest wall. Therefore the spline is evaluated
+ * nearer to it, where less is rounded, and extrapolated back. */
+#define PANDIS__LIFT 0.7    /* largest shift, in steps of the coarse lattice */
+#define PANDIS__SHORT 0.02  /* smallest deficit of the squared gradient */
 
 PANDIS__INLINE void pandis__sharpen(const pandis__spline *s, const double *p, pandis__cells *cells, double *value,
                                     double *gradient) {
@@ -2589,7 +2589,7 @@ PANDIS__INLINE void pandis__sharpen(const pandis__spline *s, const double *p, pa
     double slope = sqrt(pandis__dot(gradient, gradient));
     if (!(slope > PANDIS__TINY) || !pandis__normalise(normal)) return;
     *value = found - lift * pandis__dot(gradient, normal);
-    for (int k = 0; k < 3; k++) gradient[k] = slope * normal[k]; /* as long as it was */
+    for (int k = 0; k < 3; k++) gradient[k] = slope * normal[k]; /* its length does not change */
 }
 
 PANDIS__INLINE void pandis__answer_spline_body(const pandis__spline *s, const double *u, pandis__cells *cells,
@@ -2639,7 +2639,7 @@ PANDIS__COMPILE(pandis__answer_spline,
 
 enum { PANDIS__SPHERE, PANDIS__TORUS, PANDIS__BOX, PANDIS__CAPSULE };
 
-/* Answer a closed form, in the form's own units. Sizes: sphere (radius), torus around z (ring, tube), box (half its
+/* Evaluate a closed form in the units of its sizes. Sizes: sphere (radius), torus around z (ring, tube), box (half its
  * sides), capsule along z (radius, half its axis). */
 static void pandis__answer_shape(const pandis__shape *s, const double *p, double *distance, double *normal) {
     double offset[3] = {p[0], p[1], p[2]};
@@ -2690,7 +2690,7 @@ PANDIS_API double pandis_longest_side(const pandis_field *field) {
     return field->kind ? PANDIS__LONGEST / field->scale : 0;
 }
 
-/* Put a point into the unit frame; 0 if it is not finite, or too far away. */
+/* Transform a point into the unit frame; returns 0 if it is not finite, or too far away. */
 static int pandis__unit(const pandis_field *field, const double *point, double *u) {
     int finite = 1;
     for (int k = 0; k < 3; k++) {
@@ -2756,14 +2756,14 @@ PANDIS_API void pandis_query_within(const pandis_field *field, const double poin
     pandis__ask(field, point, &begin, NULL, answer);
 }
 
-/* As pandis_query_from. `cells` is a cache for splines, used with this field only and all zero before its first query;
+/* The same as pandis_query_from. `cells` is a cache for splines, used with this field only and all zero before its first query;
  * NULL: no cache. */
 static void pandis__query_after(const pandis_field *field, const double *point, pandis_hint *hint, pandis__cells *cells,
                                 pandis_answer *answer) {
     pandis__start begin = PANDIS__ANYWHERE;
     double u[3], way[3];
     memcpy(begin.closest, hint->room + 1, sizeof begin.closest);
-    if (hint->room[0] == 1 && pandis__unit(field, point, u)) { /* the closest point before may still be about as near */
+    if (hint->room[0] == 1 && pandis__unit(field, point, u)) { /* the previous closest point may still be about as near */
         for (int k = 0; k < 3; k++) way[k] = u[k] - begin.closest[k];
         double guess = sqrt(pandis__dot(way, way));
         if (guess >= 0) begin.guess = guess;
@@ -2797,12 +2797,12 @@ PANDIS_API pandis_flag pandis_force(const pandis_field *field, const double poin
     force[0] = force[1] = force[2] = 0;
     if (!(stiffness >= 0 && stiffness <= PANDIS__STIFFEST)) return PANDIS_INVALID;
     pandis_query(field, point, &answer);
-    double push = answer.distance < 0 ? -stiffness * answer.distance : 0; /* not so for NaN */
+    double push = answer.distance < 0 ? -stiffness * answer.distance : 0; /* false for NaN */
     for (int k = 0; k < 3; k++) force[k] = push > 0 ? push * answer.normal[k] : 0;
     return answer.flag;
 }
 
-/* Answer four points with a network, which reads every weight once for them. */
+/* Query four points of a network, reading every weight once. */
 static void pandis__query_four(const pandis_field *field, const double *points, pandis_answer *answers) {
     double u[4][3], d[4], n[4][3];
     int finite[4];
@@ -2861,7 +2861,7 @@ static void pandis__tensor_twice(const float *c, double (*w)[4], double (*dw)[4]
     for (int i = 0; i < 9; i++) hessian[i] += i / 3 < i % 3 ? h[i / 3][i % 3] : h[i % 3][i / 3];
 }
 
-/* Where a point lies in a lattice, with all weights; 0 outside of it. */
+/* Find the cell of a point in a lattice, with all weights; returns 0 outside the lattice. */
 static int pandis__place_twice(int32_t size, double low, double per_step, const double *p, int *first, double (*w)[4],
                                double (*dw)[4], double (*ddw)[4]) {
     if (!pandis__place(size, low, per_step, p, first, w, dw)) return 0;
@@ -2869,7 +2869,7 @@ static int pandis__place_twice(int32_t size, double low, double per_step, const 
     return 1;
 }
 
-/* Derivatives of a spline in its band; returns 0 elsewhere, and where pandis__sharpen changes it. */
+/* Compute the derivatives of a spline in its band; returns 0 elsewhere, and where pandis__sharpen changes the answer. */
 static int pandis__bend_spline(const pandis__spline *s, const double *u, double *gradient, double *hessian) {
     double w[3][4], dw[3][4], ddw[3][4], value = 0;
     for (int k = 0; k < 3; k++)
@@ -2888,7 +2888,7 @@ static int pandis__bend_spline(const pandis__spline *s, const double *u, double 
     return !(value < 0 && 1 - pandis__dot(gradient, gradient) > PANDIS__SHORT);
 }
 
-/* Those of a distance grid; 0 outside its box. */
+/* Compute the derivatives of a distance grid; returns 0 outside its box. */
 static int pandis__bend_grid(const pandis__grid *g, const double *u, double *gradient, double *hessian) {
     for (int k = 0; k < 3; k++)
         if (!(u[k] > g->low[k] && u[k] < g->high[k])) return 0;
@@ -2921,7 +2921,7 @@ static int pandis__bend_grid(const pandis__grid *g, const double *u, double *gra
     return 1;
 }
 
-/* Hessian of the distance to a point or, if `along` is a unit vector, to a line; the answer is in mesh units. */
+/* Compute the Hessian of the distance to a point or, if `along` is a unit vector, to a line; the answer is in mesh units. */
 static void pandis__bend_round(const pandis_answer *answer, const double *along, double *hessian) {
     for (int i = 0; i < 9; i++) {
         double rest = (i % 4 == 0) - answer->normal[i / 3] * answer->normal[i % 3];
@@ -2929,7 +2929,7 @@ static void pandis__bend_round(const pandis_answer *answer, const double *along,
     }
 }
 
-/* The second derivatives of a closed form, which is flat or round about a point or a line. */
+/* Compute the second derivatives of a closed form, which is flat, or round about a point or a line. */
 static void pandis__bend_shape(const pandis__shape *s, const double *p, const pandis_answer *answer, double *hessian) {
     double along[3] = {0, 0, 0};
     pandis_answer round = *answer;
@@ -2953,14 +2953,14 @@ static void pandis__bend_shape(const pandis__shape *s, const double *p, const pa
     for (int i = 0; i < 9; i++) hessian[i] += bend * (along[i / 3] * along[i % 3]);
 }
 
-/* Answer a point offset along an axis. */
+/* Query a point at an offset along an axis. */
 static void pandis__query_beside(const pandis_field *field, const double *point, double step, int axis, pandis_answer *answer) {
     double beside[3] = {point[0], point[1], point[2]};
     beside[axis] += step;
     pandis_query(field, beside, answer);
 }
 
-/* Finite differences; `own`: the gradient is the answer's own. */
+/* Compute finite differences: of the answers' gradients if `own`, else of distances. */
 static void pandis__differ(const pandis_field *field, const double *point, int own, const pandis_answer *here,
                            double *gradient, double *hessian) {
     double step = own ? PANDIS__STEP : field->kind == PANDIS_NETWORK ? PANDIS__WIDE_STEP : PANDIS__FINE_STEP;
@@ -3014,7 +3014,7 @@ PANDIS_API pandis_flag pandis_derivatives(const pandis_field *field, const doubl
         else
             by_formula = kind == PANDIS_SPLINE ? pandis__bend_spline(&field->as.spline, u, own, bend)
                                                : pandis__bend_grid(&field->as.grid, u, own, bend);
-        for (int i = 0; i < 9; i++) bend[i] *= field->scale; /* distances are lengths, too */
+        for (int i = 0; i < 9; i++) bend[i] *= field->scale; /* not squared: distances are scaled, too */
     }
     if (kind == PANDIS_MESH || kind == PANDIS_COMPACT || kind == PANDIS_SHAPE) memcpy(own, answer.normal, sizeof own);
     if (!by_formula) {
@@ -3028,8 +3028,8 @@ PANDIS_API pandis_flag pandis_derivatives(const pandis_field *field, const doubl
 }
 /* ---------------------------------------------------------------- meshes that move
  *
- * A refit writes the vertices and the boxes around them, and nothing else: triangles and normals of vertices are
- * computed from the vertices where a query meets them. */
+ * A refit writes only the vertices and the boxes around them: queries compute triangles and vertex normals from the
+ * vertices where they are needed. */
 
 static uint64_t pandis__whole_words(uint64_t bytes) { return (bytes + 7) / 8 * 8; }
 
@@ -3046,7 +3046,7 @@ PANDIS_API size_t pandis_refit_room(const pandis_field *field) {
     return (size_t)(3 * v * sizeof(double) + n * sizeof(pandis__node) + lists);
 }
 
-/* The box around a leaf, and the error bounds of its distances. */
+/* Compute the box around a leaf, and the error bounds of its distances. */
 static void pandis__refit_leaf(const pandis__mesh *m, int32_t leaf, float pad, float *low, float *high, float *slack) {
     float v[3][3][PANDIS__WIDTH];
     const double *base = m->vertices + 3 * (ptrdiff_t)*pandis__leaf_vertices(m, leaf);
@@ -3066,7 +3066,7 @@ static void pandis__refit_leaf(const pandis__mesh *m, int32_t leaf, float pad, f
     }
 }
 
-/* The boxes of all nodes, bottom up. */
+/* Compute the boxes of all nodes, bottom up. */
 static void pandis__refit_boxes(const pandis__mesh *m, pandis__node *nodes, float (*slacks)[2]) {
     /* the float box of a point may be off by half a unit in the last place of the coordinates */
     float pad = (float)(m->reach * 4e-7);
@@ -3098,7 +3098,7 @@ PANDIS__ONCE PANDIS_API pandis_error pandis_refit_open(pandis_field *moving, con
     int32_t *around = (int32_t *)(void *)(nodes + n), *corners_at = around + v + 1;
     memcpy(vertices, m->vertices, 3 * v * sizeof *vertices);
     memcpy(nodes, m->nodes, n * sizeof *nodes);
-    /* the corners on each vertex, in the order of faces in which normals were summed at first */
+    /* the corners at each vertex, in the order of faces in which the original normals were summed */
     memset(around, 0, (v + 1) * sizeof *around);
     for (size_t i = 0; i < 3 * f; i++) around[m->faces[i]]++;
     int32_t before = 0;
@@ -3124,7 +3124,7 @@ PANDIS__ONCE PANDIS_API pandis_error pandis_refit_open(pandis_field *moving, con
     own->vertices = vertices, own->nodes = nodes, own->around = around, own->corners_at = corners_at;
     own->slacks = (const float(*)[2])slacks;
     own->vertex_normals = NULL;
-    own->most = INT32_MAX; /* no budget is known to suit all its shapes */
+    own->most = INT32_MAX; /* no budget is known that suits all shapes */
     return PANDIS_SUCCESS;
 }
 
@@ -3135,7 +3135,7 @@ PANDIS_API pandis_error pandis_refit(pandis_field *moving, const double *vertice
     int good = 1;
     for (int k = 0; k < 3; k++)
         for (size_t i = 0; i < count; i++)
-            good &= fabs((vertices[3 * i + (size_t)k] - moving->centre[k]) * moving->scale) <= 1e30; /* not so for NaN */
+            good &= fabs((vertices[3 * i + (size_t)k] - moving->centre[k]) * moving->scale) <= 1e30; /* false for NaN */
     if (!good) return PANDIS_ERROR_VERTEX;
     double *own = (double *)(uintptr_t)m->vertices, most = 0; /* the room is the caller's */
     double low[3], high[3];
@@ -3160,7 +3160,7 @@ PANDIS_API pandis_error pandis_refit(pandis_field *moving, const double *vertice
 #if defined(__GNUC__) || defined(_MSC_VER)
 #define PANDIS__NEW 4
 
-/* Exchange a number atomically; returns the old one. Whoever reads the number sees what was written before it. */
+/* Exchange a number atomically; returns the old one. A thread that reads the number also sees all earlier writes. */
 static int32_t pandis__exchange(volatile int32_t *where, int32_t number) {
 #if defined(__GNUC__)
     return __atomic_exchange_n(where, number, __ATOMIC_ACQ_REL);
@@ -3209,7 +3209,7 @@ PANDIS_API int pandis_handover_take(pandis_handover *handover, pandis_field *mov
 #endif
 /* ---------------------------------------------------------------- scenes */
 
-/* A point of the scene in the coordinates of an object's mesh. */
+/* Transform a point of the scene into the coordinates of an object's mesh. */
 static void pandis__enter(const pandis_object *o, const double *point, double *p) {
     double off[3];
     for (int k = 0; k < 3; k++) off[k] = point[k] - o->translation[k];
@@ -3217,10 +3217,10 @@ static void pandis__enter(const pandis_object *o, const double *point, double *p
         p[k] = (o->rotation[k] * off[0] + o->rotation[3 + k] * off[1] + o->rotation[6 + k] * off[2]) / o->scale;
 }
 
-/* Answer a point given in the mesh's coordinates, and add its push to the force: none outside, or without an answer. */
+/* Query a point in the mesh's coordinates, and add its penalty force: none outside, or without an answer. */
 static void pandis__add_force(const pandis_object *o, const double *p, pandis_answer *answer, double *force) {
     pandis_query(o->field, p, answer);
-    double push = answer->distance < 0 ? -o->stiffness * (answer->distance * o->scale) : 0; /* not so for NaN */
+    double push = answer->distance < 0 ? -o->stiffness * (answer->distance * o->scale) : 0; /* false for NaN */
     if (!(push > 0)) return;
     for (int k = 0; k < 3; k++) {
         const double *row = o->rotation + 3 * k;
@@ -3237,7 +3237,7 @@ PANDIS_API pandis_flag pandis_object_force(const pandis_object *object, const do
     return answer.flag;
 }
 
-/* Whether a matrix is a rotation to 1e-6, and a translation finite. */
+/* Whether a matrix is a rotation within 1e-6, and a translation finite. */
 static int pandis__places(const double *rotation, const double *translation) {
     double most = 0, across[3];
     for (int i = 0; i < 3; i++) {
@@ -3259,7 +3259,7 @@ static int pandis__lies(const pandis_object *o) {
 }
 
 /* A scene keeps two balls per object in which it cannot be touched: one for penalty forces, one for contacts, whose
- * proxies may be elsewhere. Centres and squared radii lie in blocks, coordinate by coordinate. */
+ * proxies may be elsewhere. Centres and squared radii are stored in blocks, coordinate by coordinate. */
 enum { PANDIS__OF_FORCES, PANDIS__OF_CONTACTS };
 
 static double *pandis__ball(const pandis__scene *scene, int use, size_t object) {
@@ -3272,7 +3272,7 @@ static void pandis__keep_ball(double *ball, const double *centre, double radius)
     ball[3 * PANDIS_SCENE_BLOCK] = radius > 0 ? radius * radius : -1;
 }
 
-/* How far from a point (unit frame) nothing can be touched, by the bounds of the surface. */
+/* Distance from a point (unit frame) within which nothing can be touched, by the bounds of the surface. */
 static double pandis__clearance(const pandis_field *f, const double *u) {
     double off[3];
     for (int k = 0; k < 3; k++) {
@@ -3283,7 +3283,7 @@ static double pandis__clearance(const pandis_field *f, const double *u) {
     return sqrt(pandis__dot(off, off)) - f->margin[0];
 }
 
-/* The worse of two flags: no answer, an estimate, one that may be a little off. */
+/* The worse of two flags, in this order: no answer, an estimate, a search cut short. */
 static pandis_flag pandis__worse(pandis_flag one, pandis_flag other) {
     static const int rank[] = {0, 2, 3, 1, 0}; /* by flag */
     return rank[one] > rank[other] ? one : other;
@@ -3316,7 +3316,7 @@ static pandis_flag pandis__visit(pandis__scene *scene, size_t index, const doubl
     return flag;
 }
 
-/* Have an object queried at the next point; leave it out if it is invalid. */
+/* Mark an object to be queried at the next point; leave it out if it is invalid. */
 static pandis_error pandis__wake_object(const pandis__scene *scene, size_t object) {
     const double origin[3] = {0};
     int lies = pandis__lies(scene->objects + object);
@@ -3349,7 +3349,7 @@ PANDIS__ONCE PANDIS_API pandis_error pandis_scene_open(pandis_scene *scene, cons
 
 PANDIS_API size_t pandis_scene_queries(const pandis_scene *scene) { return pandis__scene_in(scene)->queries; }
 
-/* The next object from `from` on that may be touched at a point; the count if there is none. */
+/* Find the next object, from `from` on, that may be touched at a point; the count if there is none. */
 static size_t pandis__next_awake(const pandis__scene *scene, int use, size_t from, const double *point) {
     size_t start = from - from % PANDIS_SCENE_BLOCK;
     for (; start < scene->count; start += PANDIS_SCENE_BLOCK, from = start) {
@@ -3407,7 +3407,7 @@ static void pandis__unit_turn(double *q) {
     for (int k = 0; k < 4; k++) q[k] /= length;
 }
 
-/* The turn p after the turn q. */
+/* Compose two rotations: first q, then p. */
 static void pandis__turn_by(const double *p, const double *q, double *both) {
     both[0] = p[0] * q[0] - p[1] * q[1] - p[2] * q[2] - p[3] * q[3];
     both[1] = p[0] * q[1] + p[1] * q[0] + p[2] * q[3] - p[3] * q[2];
@@ -3415,8 +3415,8 @@ static void pandis__turn_by(const double *p, const double *q, double *both) {
     both[3] = p[0] * q[3] + p[1] * q[2] - p[2] * q[1] + p[3] * q[0];
 }
 
-/* The rotation by a spin in `dt` seconds, at most half a turn, from a series for a sixteenth of it: sines of libraries
- * differ in their last bits. */
+/* Compute the rotation by a spin in `dt` seconds, at most half a turn, from a series for a sixteenth of it: the sines of
+ * libraries differ in their last bits. */
 static void pandis__spun(const double *spin, double dt, double *q) {
     double half[3], whole[4];
     for (int k = 0; k < 3; k++) half[k] = spin[k] * dt / 32;
@@ -3439,7 +3439,7 @@ static void pandis__turned(const double *q, double *r) {
     memcpy(r, made, sizeof made);
 }
 
-/* The way that an object is on: quaternion and translation of both its ends. */
+/* The current path of an object: quaternion and translation at both ends. */
 static double *pandis__way_of(const pandis__poses *poses, size_t object) { return poses->ways + 14 * object; }
 
 PANDIS__ONCE PANDIS_API pandis_error pandis_poses_open(pandis_poses *handle, pandis_object *objects, size_t count, double *room,
@@ -3485,13 +3485,13 @@ PANDIS_API pandis_error pandis_poses_give(pandis_poses *handle, const pandis_pos
     return PANDIS_SUCCESS;
 }
 
-/* Begin the way from where an object is to where it will be, by its velocity, when the next frame comes. */
+/* Begin a path from an object's current pose to the one that its velocity predicts for the next frame. */
 static void pandis__set_out(const pandis__poses *poses, size_t object) {
     const pandis_pose *pose = poses->frames + (size_t)poses->asking * poses->count + object;
     double *from = pandis__way_of(poses, object), *to = from + 7, given[4], spun[4];
     double share = poses->period > 0 ? poses->gone / poses->period : 1, same = 0;
     for (int k = 0; k < 7; k++) from[k] = share < 1 ? from[k] + share * (to[k] - from[k]) : to[k];
-    if (share < 1) pandis__unit_turn(from); /* what has arrived stays as it is, to the last bit */
+    if (share < 1) pandis__unit_turn(from); /* after arrival the pose stays the same, to the last bit */
     pandis__turn(pose->rotation, given);
     pandis__spun(pose->spin, poses->periods[poses->asking], spun);
     pandis__turn_by(spun, given, to);
@@ -3582,8 +3582,8 @@ PANDIS_API double pandis_by_region(const void *patches, const double point[3], i
 }
 /* ---------------------------------------------------------------- planes that a proxy touches */
 
-#define PANDIS__KEPT 8   /* planes kept between steps: all walls of a corner, as the probe decides which three hold the proxy */
-#define PANDIS__PLANES 9 /* and the one of the last look */
+#define PANDIS__KEPT 8   /* planes kept between steps: all walls of a corner, since any three may hold the proxy */
+#define PANDIS__PLANES 9 /* plus the plane of the last look */
 
 /* A piece of the surface near a proxy, taken as flat: free space is where normal . x >= offset (unit frame). */
 typedef struct {
@@ -3592,8 +3592,8 @@ typedef struct {
 
 static double pandis__height(const pandis__plane *p, const double *x) { return pandis__dot(p->normal, x) - p->offset; }
 
-/* The point on two or three planes that is nearest to a goal, if it is also the nearest one in front of them: each plane
- * has to push. 0 if one does not, or if they are nearly parallel. */
+/* Find the point on two or three planes that is nearest to a goal, if it is also the nearest one in front of them: each
+ * plane must push. Returns 0 if one does not, or if they are nearly parallel. */
 static int pandis__onto(const pandis__plane *planes, const int *which, int count, const double *under, const double *goal,
                         double *y) {
     const double *a = planes[which[0]].normal, *b = planes[which[1]].normal;
@@ -3620,7 +3620,7 @@ static int pandis__onto(const pandis__plane *planes, const int *which, int count
     return 1;
 }
 
-/* Whether a set of planes gives the point: the goal is behind one of them, and the point is in front of all others.
+/* Whether a set of planes determines the point: the goal is behind one of them, and the point is in front of all others.
  * Returns a bit for each, or 0. */
 static int pandis__gives(const pandis__plane *planes, int count, const int *which, int size, const double *under, int behind,
                          const double *goal, double *y) {
@@ -3636,8 +3636,8 @@ static int pandis__gives(const pandis__plane *planes, int count, const int *whic
     return set;
 }
 
-/* The point nearest to a goal in front of all planes; returns which of them hold it back, a bit for each. If no point is
- * in front of all planes, the last one, which is the newest, decides. */
+/* Find the point nearest to a goal in front of all planes; returns a bit mask of the planes that hold it back. If no point
+ * is in front of all planes, the last plane, which is the newest, decides. */
 static int pandis__nearest_in_front(const pandis__plane *planes, int count, const double *goal, double *y) {
     double under[PANDIS__PLANES];
     int set, behind = 0;
@@ -3661,21 +3661,21 @@ static int pandis__nearest_in_front(const pandis__plane *planes, int count, cons
     for (int k = 0; k < 3; k++) y[k] = goal[k] - fmin(0, under[last]) * planes[last].normal[k];
     return under[last] < 0 ? 1 << last : 0;
 }
-/* ---------------------------------------------------------------- a proxy: what it knows of the surface near it
+/* ---------------------------------------------------------------- a proxy, and the known surface near it
  *
  * Everything is in the object's unit frame. The proxy is a point; a probe of radius r offsets the surface by r. The known
  * free space is a ball around a point a little above the proxy, as large as the distance there. The proxy goes from ball
- * to ball. Each overlaps the one before, so no surface lies on its way. The surface is known as planes, each through the
- * foot of a point that was looked at. */
+ * to ball. Each overlaps the one before, so no surface is on its path. The surface is represented by planes, each through
+ * the foot of a point that was looked at. */
 
-#define PANDIS__HOVER 0.004       /* height above the surface to look at it from */
-#define PANDIS__FARTHEST 2       /* lifts: a look at a place is taken from no farther away */
-#define PANDIS__STALE 4          /* lifts: planes whose foot is farther away are forgotten */
-#define PANDIS__ALIKE 0.99       /* cosine of the angle below which two planes are nearly one */
-#define PANDIS__BEHIND 1e-8      /* a surface in front of a plane is no farther behind it */
+#define PANDIS__HOVER 0.004       /* height from which the surface is looked at */
+#define PANDIS__FARTHEST 2       /* largest distance from which a place is looked at, in lifts */
+#define PANDIS__STALE 4          /* distance of the foot from which a plane is forgotten, in lifts */
+#define PANDIS__ALIKE 0.99       /* cosine of the angle below which two planes count as nearly equal */
+#define PANDIS__BEHIND 1e-8      /* a surface no farther behind a plane than this counts as in front of it */
 #define PANDIS__TRUSTED 0.8      /* free share of an approximate distance to the felt surface */
-#define PANDIS__LEAST_SHARE 0.25 /* likewise, of one that is flagged as a bound */
-#define PANDIS__GUESSED 0.05     /* how much too large a distance may be if the file does not say */
+#define PANDIS__LEAST_SHARE 0.25 /* likewise, of a distance that is flagged as a bound */
+#define PANDIS__GUESSED 0.05     /* assumed excess of a distance if the file does not state it */
 
 enum { PANDIS__BEGINS, PANDIS__CLEAR, PANDIS__TOUCHES };
 
@@ -3684,10 +3684,10 @@ typedef struct {
     pandis__contact *state;
     const pandis_field *field;
     double radius;            /* offset of the walls from the surface; less where the probe began nearer */
-    double tolerance;         /* by which planes are compared */
+    double tolerance;         /* for comparing planes */
     double blur;              /* a surface this near, or this little behind a plane, is ignored */
-    int exact;                /* its distances are those of a surface, not of an approximation */
-    int flat;                 /* and that surface is the one that is felt */
+    int exact;                /* the field's distances are exact, not approximate */
+    int flat;                 /* and that surface is the one felt */
     int queries, count;
     pandis_flag flag;
     pandis__plane plane[PANDIS__PLANES];
@@ -3706,7 +3706,7 @@ static int pandis__knows_distance(const pandis_field *f) {
 }
 
 /* Apply a texture to the result of a look. The distance becomes that to the tangent plane of the raised surface below the
- * point, the normal becomes that of this plane, and less is free. */
+ * point, the normal becomes that of this plane, and the free radius shrinks. */
 static void pandis__roughen(const pandis__proxy *p, const double *at, pandis_answer *answer, double *distance,
                             double *free, double *sure) {
     const pandis_texture *t = p->state->options.texture;
@@ -3724,8 +3724,8 @@ static void pandis__roughen(const pandis__proxy *p, const double *at, pandis_ans
     *free = fmin(*free, (*free - raised) / sqrt(1 + 4 * t->steepest * t->steepest)), *sure -= t->most * f->scale;
 }
 
-/* Lower bound of the distance to a network's surface from a place beyond its box. The surface lies in the box, and it is
- * at least a share of the network's distance from the box's nearest place. */
+/* Lower bound of the distance to a network's surface from a place beyond its box. The surface is inside the box, and at
+ * least a share of the network's distance away from the nearest point of the box. */
 PANDIS__ONCE static double pandis__free_beyond(const pandis__proxy *p, const double *at, double distance) {
     double way = 0;
     for (int k = 0; k < 3; k++) {
@@ -3753,11 +3753,11 @@ static int pandis__look_at(pandis__proxy *p, const double *at, pandis__look *loo
     } else if (answer.flag == PANDIS_OK) {
         sure = distance - f->margin[0], free = fmax(PANDIS__TRUSTED * (distance - p->radius) + p->radius, sure);
     } else {
-        /* the margin holds in the box; beyond it only the surface's bounds are known */
+        /* the margin applies in the box; beyond it only the surface's bounds are known */
         int inside = fabs(at[0]) <= 1 && fabs(at[1]) <= 1 && fabs(at[2]) <= 1;
         double guessed = f->margin[1] < 1e300 ? f->margin[1] : PANDIS__GUESSED;
         double away = f->margin[0] < 1e300 ? pandis__clearance(f, at) : -1;
-        /* a lower bound, too: what a spline covers goes this far beyond the surface */
+        /* also a lower bound: a spline covers the space up to this distance from the surface */
         double least = f->kind == PANDIS_SPLINE && distance > 0 ? f->as.spline.outside : PANDIS__LEAST_SHARE * distance;
         sure = inside ? fmax(away, distance - guessed) : away, free = fmin(distance, fmax(least, sure));
         if (inside && distance > 0) free = fmax(free, f->height);
@@ -3814,7 +3814,7 @@ static void pandis__learn(pandis__proxy *p, const pandis__look *look, const doub
     if (p->count == PANDIS__PLANES) pandis__drop(p, 0);
     p->plane[p->count++] = seen;
     p->state->face = look->face;
-    if (p->field->regions || !p->state->options.regions) p->state->region = look->region; /* else it is asked for once a step */
+    if (p->field->regions || !p->state->options.regions) p->state->region = look->region; /* else it is queried once a step */
 }
 
 static double pandis__between(const double *a, const double *b) {
@@ -3822,7 +3822,7 @@ static double pandis__between(const double *a, const double *b) {
     return sqrt(pandis__dot(off, off));
 }
 
-/* Where to look from, to see whether the proxy can be at a place: the nearest point that is `lift` above all planes, and
+/* Find the point from which to look whether the proxy can be at a place: the nearest one that is `lift` above all planes, and
  * twice that above planes unlike `nearest`, if it is not NULL. Where planes meet at a sharp angle or face each other, no
  * such point is near: there the lift is reduced. */
 static void pandis__lifted(const pandis__proxy *p, const double *place, const double *nearest, double lift, double *at) {
@@ -3859,11 +3859,11 @@ static void pandis__take_ball(pandis__proxy *p, const pandis__look *look) {
 }
 /* ---------------------------------------------------------------- how a proxy follows the probe */
 
-#define PANDIS__SMALL 1e-13  /* shorter ways are 0 (unit frame) */
-#define PANDIS__ABOVE 4e-6   /* above this height a plane is not touched */
-#define PANDIS__GAP 5e-4     /* a ball may miss the proxy by this much in an edge or a corner */
+#define PANDIS__SMALL 1e-13  /* shorter motions count as 0 (unit frame) */
+#define PANDIS__ABOVE 4e-6   /* largest height of the proxy above a plane that it touches */
+#define PANDIS__GAP 5e-4     /* largest gap between ball and proxy in an edge or a corner */
 #define PANDIS__ASIDE 1e-3   /* lifts: sideways offset of a second look */
-#define PANDIS__SLIVER 2e-4  /* this much of a way need not be known to be free */
+#define PANDIS__SLIVER 2e-4  /* length of a path that need not be known to be free */
 
 /* Whether a look shows a wall that is nearer than all known planes. */
 static int pandis__unknown(const pandis__proxy *p, const pandis__look *look) {
@@ -3904,7 +3904,7 @@ static int pandis__climb(pandis__proxy *p) {
     return 1;
 }
 
-/* Take a larger ball above the proxy. 0: no answer. */
+/* Find a larger ball above the proxy. 0: no answer. */
 static int pandis__widen(pandis__proxy *p) {
     pandis__look look;
     double at[3];
@@ -3915,7 +3915,7 @@ static int pandis__widen(pandis__proxy *p) {
     return 1;
 }
 
-/* Make a new ball. A proxy that the surface has moved over is put back onto it. 0: no answer. */
+/* Find a new ball. If the surface has moved past the proxy, the proxy is put back onto it. 0: no answer. */
 static int pandis__regain(pandis__proxy *p) {
     pandis__look look;
     if (!pandis__look_at(p, p->x, &look)) return 0;
@@ -3928,23 +3928,23 @@ static int pandis__regain(pandis__proxy *p) {
 
 /* The proxy's motion in a step. */
 typedef struct {
-    double travel;           /* along the surface, at most */
+    double travel;           /* largest distance along the surface */
     double sticking, sliding; /* friction coefficients */
-    double soft;             /* share of motion along it that drag leaves */
-    double slip;             /* way that friction and drag leave; negative until known */
+    double soft;             /* share of the motion along the surface that drag leaves */
+    double slip;             /* distance that friction and drag allow; negative until known */
     double shrink;           /* share of a hop that is tried */
-    double slid, goal[3];    /* how far it has slid; where it would go without friction */
-    int arriving;            /* it is not yet on the planes */
-    int active, rubs;        /* bit sets: planes that hold it back, and those that rub */
-    int held;                /* by `travel` or the budget */
-    int stuck;               /* no way on was found */
-    int turned;              /* how often another wall was in the way, */
-    int refused;             /* a step would have led away from the probe, */
-    int lost, narrow;        /* a ball did not join the last one, or did not reach the proxy's place, */
-    int climbed, confirmed;  /* the chain of balls was begun anew, or distant planes were looked at again */
+    double slid, goal[3];    /* distance slid so far; goal without friction */
+    int arriving;            /* the proxy is not yet on the planes */
+    int active, rubs;        /* bit sets: planes that hold the proxy back, and planes with friction */
+    int held;                /* stopped by `travel` or the budget */
+    int stuck;               /* no further motion was found */
+    int turned;              /* number of times that another wall was in the way */
+    int refused;             /* number of times that a step would have led away from the probe */
+    int lost, narrow;        /* number of balls that did not join the last one, and that did not reach the proxy's place */
+    int climbed, confirmed;  /* whether the chain of balls was rebuilt; number of further looks at distant planes */
 } pandis__way;
 
-/* How far friction and drag let the proxy go to a place `step` away, pressed in by `press`. */
+/* Distance that friction and drag let the proxy move to a place `step` away, if it is pressed in by `press`. */
 static double pandis__rubbed(pandis__contact *c, pandis__way *way, double step, double press) {
     double friction = (c->sticks ? way->sticking : way->sliding) * press;
     if (way->slip < 0) { /* the first call in this step */
@@ -3955,20 +3955,20 @@ static double pandis__rubbed(pandis__contact *c, pandis__way *way, double step, 
     return fmin(fmax(0, step - friction), way->slip);
 }
 
-/* Where to go next towards the probe: the point in front of all planes that is nearest to it, as far as friction lets
- * the proxy go. Returns how far that is. */
+/* Find the next target: the point in front of all planes that is nearest to the probe, as far as friction lets the proxy
+ * go. Returns its distance. */
 static double pandis__aim(pandis__proxy *p, pandis__way *way, const double *probe, double *target) {
     way->active = pandis__nearest_in_front(p->plane, p->count, probe, way->goal);
     double wanted = pandis__between(way->goal, p->x), step = wanted;
     way->held = way->arriving = way->rubs = 0;
-    double reach = 1; /* share of the way to the probe at which the first plane is met */
+    double reach = 1; /* share of the path to the probe at which the first plane is met */
     for (int i = 0, touches = 0; i < p->count; i++) {
         double above = pandis__height(p->plane + i, p->x), below = -pandis__height(p->plane + i, probe);
         touches |= above <= PANDIS__ABOVE;
         way->arriving = way->active && !touches;
         if (below > 0 && above > 0) reach = fmin(reach, above / (above + below));
     }
-    if (way->active && way->arriving) { /* no friction before it has arrived */
+    if (way->active && way->arriving) { /* no friction before the proxy has arrived */
         for (int k = 0; k < 3; k++) target[k] = p->x[k] + reach * (probe[k] - p->x[k]);
         return pandis__between(target, p->x);
     }
@@ -3978,7 +3978,7 @@ static double pandis__aim(pandis__proxy *p, pandis__way *way, const double *prob
         int count = 0, which[PANDIS__PLANES];
         for (int i = 0; i < p->count; i++)
             if (pandis__height(p->plane + i, p->x) <= PANDIS__ABOVE) which[count] = i, touched[count++] = p->plane[i];
-        if (count < p->count) { /* it rubs only on what it touches */
+        if (count < p->count) { /* only planes that the proxy touches cause friction */
             int rubs = pandis__nearest_in_front(touched, count, probe, place);
             for (int i = 0; i < count; i++) way->rubs |= (rubs >> i & 1) << which[i];
             double far = pandis__between(place, p->x), free = pandis__rubbed(p->state, way, far, pandis__between(place, probe));
@@ -4006,7 +4006,7 @@ static void pandis__arrive(pandis__proxy *p, pandis__way *way, const double *pla
 /* Move towards a place beyond the known free space: to the rim of the ball, from where the next look is taken. */
 static int pandis__go_on(pandis__proxy *p, pandis__way *way, const double *at, const double *target) {
     pandis__look look;
-    if (way->active && !way->arriving) { /* it lies on the surface, and stays there */
+    if (way->active && !way->arriving) { /* the proxy is on the surface, and stays there */
         way->held = way->stuck = 1;
         return 1;
     }
@@ -4031,7 +4031,7 @@ static int pandis__go_on(pandis__proxy *p, pandis__way *way, const double *at, c
     return 1;
 }
 
-/* Start over from the surface at the proxy, which comes out if it has sunk in by less than a sliver. 0: no answer. */
+/* Start over from the surface at the proxy, which is moved out if it has sunk in by less than a sliver. 0: no answer. */
 static int pandis__emerge(pandis__proxy *p) {
     pandis__look look;
     if (!pandis__look_at(p, p->x, &look)) return 0;
@@ -4041,8 +4041,8 @@ static int pandis__emerge(pandis__proxy *p) {
     return 1;
 }
 
-/* Put the proxy in front of all planes that it is behind by at most a sliver. Planes that it is farther behind are
- * dropped: the proxy is free, so they lie beyond an edge. */
+/* Move the proxy in front of the planes that it is behind by at most a sliver. Planes that it is farther behind are
+ * dropped: the proxy is free, so they are beyond an edge. */
 static void pandis__come_out(pandis__proxy *p) {
     double place[3], behind = 0;
     for (int i = p->count - 1; i >= 0; i--) {
@@ -4064,14 +4064,14 @@ static int pandis__hop(pandis__proxy *p, pandis__way *way, const double *probe, 
     if (step > most)
         for (int k = 0; k < 3; k++) target[k] = p->x[k] + most / step * (target[k] - p->x[k]);
     double over = pandis__between(target, p->ball) - p->ball[3], height = 0;
-    int closely = !p->flat || c->close; /* at the place itself, not from above */
+    int closely = !p->flat || c->close; /* look at the place itself, not from above */
     int looked = !closely || over > 0.25 * c->lift;
     if (looked) {
         pandis__lifted(p, target, NULL, c->lift, at);
         if (!pandis__look_at(p, at, &look)) return 0;
         int joined = look.free > 0 && pandis__between(at, p->ball) <= (p->ball[3] + look.free) * (1 + 1e-9);
         if (!joined && way->active && (!p->flat || pandis__unknown(p, &look)) && way->lost++ < 2) { /* an unknown wall, or one forgotten since */
-            double before = 0; /* the ball has to lie in front of it: else it is a wall's other side */
+            double before = 0; /* the ball must be in front of the foot: else that is a wall's other side */
             for (int k = 0; k < 3; k++) before += (p->ball[k] - look.foot[k]) * look.normal[k];
             if (before < 0.5 * p->ball[3] && !pandis__look_at(p, p->x, &look)) return 0;
             pandis__learn(p, &look, p->x, 0);
@@ -4092,7 +4092,7 @@ static int pandis__hop(pandis__proxy *p, pandis__way *way, const double *probe, 
             return 1;
         }
         pandis__take_ball(p, &look);
-        height = look.free - pandis__between(target, at); /* of the target, at least */
+        height = look.free - pandis__between(target, at); /* lower bound for the target */
     }
     if (!closely && height < -PANDIS__SLIVER) { /* in an edge: the ball does not reach into it */
         pandis__learn(p, &look, target, height);
@@ -4103,7 +4103,7 @@ static int pandis__hop(pandis__proxy *p, pandis__way *way, const double *probe, 
     }
     if (closely && height < PANDIS__HOVER) {
         if (!pandis__look_at(p, target, &near)) return 0;
-        if (near.distance < -PANDIS__HOVER) { /* not what was expected there */
+        if (near.distance < -PANDIS__HOVER) { /* deeper than expected */
             way->shrink *= 0.3;
             return way->active && way->shrink > 1e-3 ? 1 : pandis__go_on(p, way, target, target);
         }
@@ -4115,7 +4115,7 @@ static int pandis__hop(pandis__proxy *p, pandis__way *way, const double *probe, 
     pandis__nearest_in_front(p->plane, p->count, target, place);
     if (pandis__between(place, p->x) > PANDIS__SMALL && way->active &&
         pandis__between(place, probe) > pandis__between(p->x, probe) * (1 + 1e-9) + PANDIS__SMALL) {
-        if (look.at[0] == look.at[0] && way->refused < 2) { /* another wall, which changes where it goes */
+        if (look.at[0] == look.at[0] && way->refused < 2) { /* another wall, which changes the goal */
             way->refused++;
             return 1;
         }
@@ -4138,7 +4138,7 @@ static int pandis__hop(pandis__proxy *p, pandis__way *way, const double *probe, 
 }
 
 /* Look again at a plane, from where it is nearer than the other planes that hold the proxy. Returns whether it changed,
- * -1 if there was no answer. `height` is a lower bound of the proxy's, where distances give one. */
+ * -1 if there was no answer. `height` becomes a lower bound of the proxy's height, if there is one. */
 static int pandis__look_again(pandis__proxy *p, const pandis__plane *plane, double lift, double *height) {
     const pandis__plane held = *plane;
     pandis__look look;
@@ -4157,7 +4157,7 @@ static int pandis__look_again(pandis__proxy *p, const pandis__plane *plane, doub
 }
 
 /* Look again at planes that hold the proxy. If it rests, look at all of them: on a curved surface an old one may no
- * longer apply. Also check whether it has sunk into an unknown wall. On its way, look only at those seen from far.
+ * longer apply. Also check whether it has sunk into an unknown wall. If it moves, look only at those seen from far.
  * Returns how many changed, -1 if there was no answer. */
 static int pandis__confirm(pandis__proxy *p, const pandis__way *way, int rests) {
     pandis__plane held[PANDIS__PLANES];
@@ -4176,7 +4176,7 @@ static int pandis__confirm(pandis__proxy *p, const pandis__way *way, int rests) 
         pandis__look look;
         if (!pandis__look_at(p, p->x, &look)) return -1;
         if (look.distance < -p->blur) changed = 1, pandis__learn(p, &look, p->x, look.distance);
-        else if (look.distance > fmax(p->blur, PANDIS__ABOVE)) { /* it does not touch what holds it */
+        else if (look.distance > fmax(p->blur, PANDIS__ABOVE)) { /* the proxy does not touch the planes that hold it */
             changed = 1, p->count = 0;
             pandis__learn(p, &look, p->x, 0);
         }
@@ -4188,12 +4188,12 @@ static int pandis__confirm(pandis__proxy *p, const pandis__way *way, int rests) 
 static int pandis__follow(pandis__proxy *p, pandis__way *way, const double *probe) {
     pandis__contact *c = p->state;
     double target[3];
-    if (pandis__between(probe, p->ball) < p->ball[4]) { /* known to be free, whatever planes say */
+    if (pandis__between(probe, p->ball) < p->ball[4]) { /* known to be free, whatever the planes indicate */
         memcpy(p->x, probe, 3 * sizeof *probe);
         return 1;
     }
     if (c->state == PANDIS__TOUCHES && p->ball[3] < c->lift / 16 && !pandis__widen(p)) return 0;
-    /* queries after which a short remainder is left to the next step: more if the last steps came no further */
+    /* queries after which a short remainder is left to the next step: more if the last steps made no progress */
     const int soon = p->queries + 2 + 4 * c->stalled;
     const double before[3] = {p->x[0], p->x[1], p->x[2]};
     /* each turn queries the field or ends the step; the bound is a safeguard */
@@ -4208,7 +4208,7 @@ static int pandis__follow(pandis__proxy *p, pandis__way *way, const double *prob
             c->settled = changed ? c->settled + 1 : 9;
             continue;
         }
-        double small = fmin(PANDIS__HOVER / 8, 1.9 * p->ball[3]); /* what one hop does, even in a groove */
+        double small = fmin(PANDIS__HOVER / 8, 1.9 * p->ball[3]); /* length of a hop, even in a groove */
         if (p->queries >= c->options.budget || (way->active && p->queries >= soon && step < small)) {
             way->held |= p->queries >= c->options.budget;
             c->stalled = pandis__between(p->x, before) > PANDIS__SMALL ? 0 : c->stalled < 5 ? c->stalled + 1 : 5;
@@ -4224,25 +4224,25 @@ static int pandis__follow(pandis__proxy *p, pandis__way *way, const double *prob
     return 1;
 }
 
-/* ---------------------------------------------------------------- how a proxy walks where hops lead nowhere
+/* ---------------------------------------------------------------- how a proxy walks if hops make no progress
  *
  * Where an approximate surface is rounded, in grooves and corners, planes that were seen from different places contradict
  * each other, and no hop leads nearer to the probe. A walk uses none of them. Each of its steps goes straight towards the
- * probe, and out of the surface again by planes that are looked at for this step alone. */
+ * probe, and out of the surface again along planes that are determined for this step only. */
 
 #define PANDIS__PACE 4.8e-3        /* a walk's longest step; its first is an eighth of that */
 #define PANDIS__CHORD 1.6e-3       /* the longest step around an edge that the proxy may take in part, straight on */
-#define PANDIS__FLAT 0.98          /* an edge is where the cosine between the normals at both ends is less */
+#define PANDIS__FLAT 0.98          /* at an edge the cosine between the normals at both ends of a step is less */
 #define PANDIS__TIRED (1 / 1024.0) /* a walk ends below this share of the longest step: each failed step halves the next */
-#define PANDIS__IDLE 16            /* it begins at this count: contact steps that lead nowhere add 2, others subtract 1 */
-#define PANDIS__GAIN 0.25          /* a step leads nowhere if it gains less than this share of what it may, */
-#define PANDIS__GAIN_EXACT 1e-9    /* or, on exact surfaces, less than this, or comes no nearer to the probe */
+#define PANDIS__IDLE 16            /* a walk begins at this count: contact steps without progress add 2, others subtract 1 */
+#define PANDIS__GAIN 0.25          /* a step makes no progress if it gains less than this share of the possible gain, */
+#define PANDIS__GAIN_EXACT 1e-9    /* or, on exact surfaces, less than this, or does not come nearer to the probe */
 #define PANDIS__CREEP 0.01         /* or, while the probe rests, goes less than this share of its way */
-#define PANDIS__NEAR (PANDIS__GAP / 2) /* a ball at this lift reaches the proxy */
-#define PANDIS__AGAIN 64           /* steps of the contact after which a proxy that rests tries again, */
-#define PANDIS__MOVED 0.2          /* or when the probe has gone this share of its distance to the proxy */
-#define PANDIS__LEAN 0.05          /* sine of the angle between pull and surface normal below which it rests */
-#define PANDIS__SUNK 1e-6          /* a place counts as free if it is no deeper, */
+#define PANDIS__NEAR (PANDIS__GAP / 2) /* lift from which a ball reaches the proxy */
+#define PANDIS__AGAIN 64           /* contact steps after which a resting proxy tries again, */
+#define PANDIS__MOVED 0.2          /* or when the probe has moved by this share of its distance to the proxy */
+#define PANDIS__LEAN 0.05          /* sine of the angle between pull and surface normal below which the proxy rests */
+#define PANDIS__SUNK 1e-6          /* a place counts as free if it is no deeper than this, */
 #define PANDIS__SUNK_SHARE 0.1     /* and no deeper than this share of a step */
 
 /* Find the free place nearest to a goal, at most `reach` away. Returns 1 if it is in `look`, 0 if none was found, -1 if
@@ -4257,7 +4257,7 @@ PANDIS__ONCE static int pandis__free_place(pandis__proxy *p, const double *goal,
     for (p->count = 0; p->count < 5 && p->queries < p->state->options.budget && pandis__between(at, goal) <= reach;) {
         if (!pandis__look_at(p, at, look)) return -1;
         if (look->distance >= -sunk && (over || !p->count || look->distance <= *slope * 0.02 * reach)) return 1;
-        if (over) { /* too near: take the place before */
+        if (over) { /* too near: use the previous place */
             *look = high;
             return 1;
         }
@@ -4284,8 +4284,8 @@ PANDIS__ONCE static int pandis__free_place(pandis__proxy *p, const double *goal,
 }
 
 /* Take a free ball above a place, at the lift over the planes that hold the proxy there. Returns 1 if the ball joins the
- * last one or holds the proxy, and reaches the place (if `reaches`); else 0; -1: no answer. It has to join because an exact
- * object may be thinner than a step: the way to a free place need not be free. */
+ * last one or holds the proxy, and reaches the place (if `reaches`); else 0; -1: no answer. It must join because an exact
+ * object may be thinner than a step, so the path to a free place need not be free. */
 static int pandis__covers(pandis__proxy *p, const double *place, int reaches) {
     pandis__look look;
     double at[3];
@@ -4298,7 +4298,7 @@ static int pandis__covers(pandis__proxy *p, const double *place, int reaches) {
 }
 
 /* Take a free ball that reaches the proxy, whether or not it joins the last one: at the lift or, if there is none, nearer
- * to the proxy and in front of all walls that were met. Returns 1, or 0 if none was found, -1 if there was no answer. */
+ * to the proxy and in front of all walls found. Returns 1, or 0 if none was found, -1 if there was no answer. */
 PANDIS__ONCE static int pandis__stand(pandis__proxy *p) {
     pandis__contact *c = p->state;
     for (int turn = 0; turn < 4 && p->queries < c->options.budget; turn++) {
@@ -4324,7 +4324,7 @@ PANDIS__ONCE static int pandis__walk_on(pandis__proxy *p, pandis__way *way, cons
     double slip = -1, clear = 0, slope = 1, side[3] = {0};
     const int most = c->options.budget - 1; /* the hops that follow lead nowhere */
     int first = !p->exact, good = 1, anew = 0; /* out of the surface first, if the proxy has sunk in */
-    if (p->exact) { /* balls at the last one's lift join it */
+    if (p->exact) { /* balls at the lift of the last one join it */
         double far = pandis__between(p->ball, p->x), least = fmax(far / PANDIS__FARTHEST, PANDIS__NEAR);
         c->lift = fmin(PANDIS__HOVER, fmax(fmin(c->lift, far), least));
         if (far > p->ball[3] + PANDIS__GAP) good = pandis__stand(p);
@@ -4359,7 +4359,7 @@ PANDIS__ONCE static int pandis__walk_on(pandis__proxy *p, pandis__way *way, cons
         if (good < 0) return 0;
         double slips = slip < 0 ? way->soft < 1 ? way->soft * (along - friction) : 1e300 : slip;
         if (p->count && !first) share = fmax(0, fmin(1, fmin(slips, way->travel) / step));
-        /* of a long step around an edge a part may lie inside */
+        /* part of a long step around an edge may be inside */
         int cuts = share < 1 && pace > PANDIS__CHORD && step > PANDIS__CHORD && pandis__dot(side, look.normal) < PANDIS__FLAT;
         if (good || first) memcpy(side, look.normal, sizeof side);
         if (!good || cuts) {
@@ -4384,7 +4384,7 @@ PANDIS__ONCE static int pandis__walk_on(pandis__proxy *p, pandis__way *way, cons
         }
         if (first) continue;
         c->pace = fmin(1.5 * c->pace, PANDIS__PACE);
-        if (p->exact) c->idle = PANDIS__IDLE - 2; /* hops are faster, if they lead anywhere from here */
+        if (p->exact) c->idle = PANDIS__IDLE - 2; /* hops are faster, if they make progress from here */
         if (share < 1) break;
     }
     return 1;
@@ -4399,7 +4399,7 @@ PANDIS__ONCE static int pandis__try_walk(pandis__proxy *p, pandis__way *way, con
 }
 
 /* Go back to a place that was nearer to the probe, if it lies outside. Planes that contradict each other led away from it;
- * without this, the proxy could go round in a circle for ever. 0: no answer. */
+ * without this check, the proxy could circle for ever. 0: no answer. */
 PANDIS__ONCE static int pandis__go_back(pandis__proxy *p, const double *place, const double *ball) {
     pandis__look look;
     if (!pandis__look_at(p, place, &look)) return 0;
@@ -4412,13 +4412,13 @@ PANDIS__ONCE static int pandis__go_back(pandis__proxy *p, const double *place, c
     return 1;
 }
 
-/* Bring the proxy as near to the probe as it can: by hops, or a walk where hops lead nowhere. `moved` is the probe's way.
+/* Bring the proxy as near to the probe as it can: by hops, or by a walk if hops make no progress. `moved`: the probe's motion.
  * 0: no answer. */
 static int pandis__come(pandis__proxy *p, pandis__way *way, const double *probe, double moved) {
     pandis__contact *c = p->state;
     const double creep = PANDIS__CREEP * way->travel, least = p->exact ? PANDIS__GAIN_EXACT : PANDIS__GAIN * way->travel;
     if (c->idle < PANDIS__IDLE) c->rested = 1;
-    /* a probe faster than the proxy may go is not followed by short steps: it has to slow down first */
+    /* the short steps of a walk do not follow a probe that is faster than the proxy may move */
     else if (moved < 0.5 * way->travel && !pandis__try_walk(p, way, probe, moved)) return 0;
     const double before[3] = {p->x[0], p->x[1], p->x[2]};
     double ball[5];
@@ -4438,7 +4438,7 @@ static int pandis__come(pandis__proxy *p, pandis__way *way, const double *probe,
 }
 /* ---------------------------------------------------------------- contact */
 
-/* The force of spring and damping, in the object's frame and scene units, from where probe and proxy are. */
+/* Compute the force of spring and damping from the positions of probe and proxy; object's frame, scene units. */
 static void pandis__pull(const pandis__contact *c, const pandis_object *o, const double *normal, double damping,
                          double *force) {
     double per = o->scale / o->field->scale;
@@ -4450,8 +4450,8 @@ static void pandis__pull(const pandis__contact *c, const pandis_object *o, const
     for (int k = 0; k < 3; k++) force[k] += fast * normal[k];
 }
 
-/* The largest probe (unit frame) that finds its way back. Where the field gives only a lower bound of the distance, a
- * larger probe would know of no free space. */
+/* Largest radius of a probe (unit frame) that can return to free space. Where the field has only a lower bound of the
+ * distance, no free space would be known for a larger probe. */
 static double pandis__widest(const pandis_field *f) {
     if (f->kind == PANDIS_SPLINE) return 0.95 * fmax(f->height, f->as.spline.outside);
     return f->kind == PANDIS_GRID ? 0.95 * f->height : 1e100;
@@ -4509,10 +4509,10 @@ PANDIS_API pandis_contact_options pandis_contact_get(const pandis_contact *conta
 
 PANDIS_API pandis_error pandis_contact_set(pandis_contact *contact, const pandis_contact_options *options) {
     pandis__contact *c = pandis__contact_of(contact);
-    if (!c->options.budget) return PANDIS_ERROR_OPTIONS; /* it is not open */
+    if (!c->options.budget) return PANDIS_ERROR_OPTIONS; /* the contact is not open */
     pandis_error error = pandis__check_options(options, &c->object);
     if (error) return error;
-    /* the known free space is that of the old radius and texture */
+    /* the known free space depends on the old radius and texture */
     if (options->radius != c->options.radius || options->texture != c->options.texture) c->ball[3] = -1;
     c->options = *options;
     return PANDIS_SUCCESS;
@@ -4520,7 +4520,7 @@ PANDIS_API pandis_error pandis_contact_set(pandis_contact *contact, const pandis
 
 PANDIS_API void pandis_contact_reshaped(pandis_contact *contact) { pandis__contact_of(contact)->ball[3] = -1; }
 
-/* Move the walls outward by `by`, at most to the probe: then nothing stands between it and its proxy. */
+/* Move the walls outward by `by`, at most to the probe, and the proxy to the probe. */
 static void pandis__stand_at(pandis__proxy *p, const double *probe, pandis__look *look, double by) {
     p->state->sunk -= by, p->radius += by;
     look->distance -= by, look->free -= by, look->sure -= by;
@@ -4531,8 +4531,8 @@ static void pandis__stand_at(pandis__proxy *p, const double *probe, pandis__look
     pandis__learn(p, look, probe, look->distance);
 }
 
-/* Begin where the probe is. If that is inside, the walls stand at its depth until it comes out: nothing kicks it, and
- * nothing lets it through. */
+/* Begin at the probe. If it is inside, the walls are moved in to its depth until it comes out, so that it is neither
+ * kicked out nor let through. */
 static int pandis__begin(pandis__proxy *p, const double *probe) {
     pandis__look look;
     if (!pandis__look_at(p, probe, &look) || (look.distance < 0 && p->flag != PANDIS_OK)) return 0;
@@ -4541,7 +4541,7 @@ static int pandis__begin(pandis__proxy *p, const double *probe) {
     return 1;
 }
 
-/* After a beginning inside, when nothing holds the probe back: let the walls rise to where it is. */
+/* After a start inside, while nothing holds the probe back, move the walls outward to the probe. */
 static int pandis__rise(pandis__proxy *p, const double *probe) {
     pandis__look look;
     if (!pandis__look_at(p, probe, &look)) return 0;
@@ -4549,7 +4549,7 @@ static int pandis__rise(pandis__proxy *p, const double *probe) {
     return 1;
 }
 
-/* Find the region that the proxy lies in, from a mesh of the same object. */
+/* Find the region at the proxy, from a mesh of the same object. */
 static void pandis__find_region(pandis__proxy *p) {
     const pandis_field *f = p->field;
     pandis_answer answer;
@@ -4603,7 +4603,7 @@ PANDIS_API pandis_flag pandis_contact_step(pandis_contact *handle, const pandis_
     contact->object = *object;
     pandis__proxy p; /* unused planes are uninitialised */
     p.state = contact, p.field = f, p.radius = options->radius * per - contact->sunk, p.tolerance = 1e-11;
-    p.blur = f->kind == PANDIS_COMPACT ? f->as.compact.step : PANDIS__BEHIND; /* the lattice step, which may fold faces */
+    p.blur = f->kind == PANDIS_COMPACT ? f->as.compact.step : PANDIS__BEHIND; /* the lattice step; rounding may fold faces */
     p.queries = 0, p.flag = PANDIS_OK;
     p.exact = f->kind == PANDIS_MESH || f->kind == PANDIS_COMPACT || f->kind == PANDIS_SHAPE;
     p.flat = p.exact && !options->texture;
@@ -4637,7 +4637,7 @@ PANDIS_API pandis_flag pandis_contact_step(pandis_contact *handle, const pandis_
         contact->lift = PANDIS__HOVER, contact->pace = PANDIS__PACE / 8;
         contact->settled = contact->close = contact->idle = 0;
     }
-    /* the spring: it changes by no more than probe and proxy may go */
+    /* limit the spring's change to the distance that probe and proxy may move */
     double most = 2 * moved + options->slide * dt * per, change = 0;
     for (int k = 0; k < 3; k++) {
         pulled[k] = contact->state == PANDIS__TOUCHES ? p.x[k] - probe[k] : 0;
@@ -4671,17 +4671,17 @@ PANDIS__ONCE PANDIS_API pandis_error pandis_scene_touch_open(pandis_scene *scene
     return error;
 }
 
-/* A contact that was not stepped has gone with the probe: nothing was in its way. */
+/* Move the proxy of a contact that was not stepped to the probe's last position: nothing was in its way. */
 static void pandis__wake(const pandis__scene *scene, size_t index) {
     pandis__contact *c = pandis__contact_of(scene->contacts + index);
     double point[3], probe[3];
-    if (c->state != PANDIS__CLEAR || memcmp(c->proxy, c->probe, sizeof c->probe)) return; /* it is behind */
-    pandis__enter(&c->object, scene->probe, point); /* where it lay then */
+    if (c->state != PANDIS__CLEAR || memcmp(c->proxy, c->probe, sizeof c->probe)) return; /* the proxy is behind */
+    pandis__enter(&c->object, scene->probe, point); /* at its pose in that step */
     if (!pandis__unit(c->object.field, point, probe)) return;
     memcpy(c->proxy, probe, sizeof probe), memcpy(c->probe, probe, sizeof probe);
 }
 
-/* How far the probe may go before a contact has to be stepped again, in scene units. */
+/* Distance, in scene units, that the probe may move before a contact must be stepped again. */
 static double pandis__at_ease(const pandis__contact *c, const pandis_object *o) {
     if (c->state != PANDIS__CLEAR || c->sunk > 0 || pandis__dot(c->pull, c->pull) > 0) return 0;
     if (memcmp(c->proxy, c->probe, sizeof c->probe)) return 0;
@@ -4707,7 +4707,7 @@ PANDIS_API pandis_flag pandis_scene_touch(pandis_scene *scene, const double posi
         const pandis__contact *c = pandis__contact_in(s->contacts + i);
         pandis_touch touch;
         double far = size;
-        if (!c->options.budget) continue; /* it could not be opened */
+        if (!c->options.budget) continue; /* the contact could not be opened */
         pandis__wake(s, i);
         worst = pandis__worse(pandis_contact_step(s->contacts + i, o, position, dt, &touch), worst);
         s->queries += (size_t)touch.queries;
@@ -4762,7 +4762,7 @@ static int32_t pandis__whole(const pandis_field *f, int k) {
 
 static double pandis__real(const pandis_field *f, int k) { return pandis__f64(f->data + 128 + 8 * k); }
 
-/* A section by its name, and how many bytes it has; NULL if there is none. */
+/* Find a section by its name, and its size in bytes; NULL if there is none. */
 static const unsigned char *pandis__find(const pandis_field *f, const char *name, uint64_t *bytes) {
     const unsigned char *entry = f->data + PANDIS__HEADER;
     *bytes = 0;
@@ -4774,14 +4774,14 @@ static const unsigned char *pandis__find(const pandis_field *f, const char *name
     return NULL;
 }
 
-/* A section by its name, if it holds `count` values of `each` bytes; sections have been checked. */
+/* Find a section by its name, if it contains `count` values of `each` bytes; sections have been checked. */
 static const void *pandis__section(const pandis_field *f, const char *name, uint64_t count, uint64_t each) {
     uint64_t bytes;
     const unsigned char *section = pandis__find(f, name, &bytes);
     return bytes == count * each ? section : NULL;
 }
 
-/* Whether a section has this name. */
+/* Whether there is a section of this name. */
 static int pandis__has_section(const pandis_field *f, const char *name) {
     uint64_t bytes;
     return pandis__find(f, name, &bytes) != NULL;
@@ -4816,13 +4816,13 @@ static int pandis__finite64(const double *values, uint64_t count) {
 
 static uint64_t pandis__cube(int32_t n) { return (uint64_t)n * (uint64_t)n * (uint64_t)n; }
 
-/* ---------------------------------------------------------------- files that hold trees */
+/* ---------------------------------------------------------------- files with trees */
 
-/* The child of a node at one of its eight places; 0 if there is none. */
+/* Get the child of a node at one of its eight places; returns 0 if there is none. */
 typedef int (*pandis__child)(const void *nodes, int32_t node, int place, int32_t *child);
 
-/* Check a tree: nodes and leaves must come in the order in which a walk meets them, each once, and no deeper than the
- * stack. So no query can loop, or visit more leaves than there are. */
+/* Check a tree: nodes and leaves must be in the order in which a traversal visits them, each once, and no deeper than
+ * the stack. Then no query can loop, or visit more leaves than there are. */
 static int pandis__walk(const void *tree, pandis__child child_of, int32_t node_count, int32_t leaf_count) {
     int32_t path[PANDIS__DEEPEST], nodes = 1, leaves = 0;
     int next[PANDIS__DEEPEST], depth = 0;
@@ -4859,14 +4859,14 @@ static int pandis__branch_child(const void *nodes, int32_t node, int place, int3
     return place < b->count;
 }
 
-/* Every index must be valid. */
+/* Open a mesh; every index must be valid. */
 PANDIS__ONCE static int pandis__open_mesh(pandis_field *f) {
     pandis__mesh *m = &f->as.mesh;
     m->vertex_count = pandis__whole(f, 0), m->face_count = pandis__whole(f, 1);
     m->node_count = pandis__whole(f, 2), m->leaf_count = pandis__whole(f, 3);
     m->reach = pandis__real(f, 0);
     int32_t most = pandis__whole(f, 4);
-    if (most < 0 || (most > 0 && most < 9)) return 0; /* a leaf and all of its faces, at least */
+    if (most < 0 || (most > 0 && most < 9)) return 0; /* at least a leaf and all of its faces */
     m->most = most ? most : INT32_MAX;
     if (m->vertex_count < 3 || m->face_count < 1 || m->node_count < 1 || m->leaf_count < 1) return 0;
     if (!(m->reach >= 0 && m->reach <= 1e30)) return 0;
@@ -4892,7 +4892,7 @@ PANDIS__ONCE static int pandis__open_mesh(pandis_field *f) {
     return pandis__walk(m->nodes, pandis__node_child, m->node_count, m->leaf_count);
 }
 
-/* A block must lie in its section, and its faces' corners among its own. */
+/* Check that a block is within its section, and that its faces refer to its own corners. */
 static int pandis__good_block(const pandis__compact *t, int32_t block, uint64_t size) {
     pandis__packed b;
     const pandis__block_record *record = t->blocks + block;
@@ -4916,7 +4916,7 @@ static int pandis__good_block(const pandis__compact *t, int32_t block, uint64_t 
     return 1;
 }
 
-/* Every face of every block must say which face it comes from. */
+/* Open the list of original faces, which needs an entry for every face of every block. */
 PANDIS__ONCE static int pandis__open_originals(pandis_field *f) {
     pandis__compact *t = &f->as.compact;
     const int32_t *original =
@@ -4939,7 +4939,7 @@ PANDIS__ONCE static int pandis__open_compact(pandis_field *f) {
     if (t->bits < 4 || t->bits > PANDIS__MOST_BITS || t->branch_count < 1 || t->block_count < 1) return 0;
     if (t->block_count > INT32_MAX / PANDIS__BLOCK - 1 || !(t->reach >= 0 && t->reach <= 1)) return 0;
     int32_t most = pandis__whole(f, 4);
-    if (most < 0 || (most > 0 && most < 9)) return 0; /* a block and all of its groups, at least */
+    if (most < 0 || (most > 0 && most < 9)) return 0; /* at least a block and all of its groups */
     t->most = most ? most : INT32_MAX;
     t->step = 2 * PANDIS__HALF / ((1 << t->bits) - 1);
     uint64_t size = (uint64_t)(uint32_t)pandis__whole(f, 3);
@@ -4959,7 +4959,7 @@ PANDIS__ONCE static int pandis__open_compact(pandis_field *f) {
     return pandis__walk(t->branches, pandis__branch_child, t->branch_count, t->block_count);
 }
 
-/* The lattice that answers in the box, `cells` per axis there. */
+/* Open a lattice that covers the box with `cells` cells per axis. */
 PANDIS__ONCE static int pandis__open_lattice(const pandis_field *f, const char *name, int32_t cells, pandis__lattice *l) {
     l->size = cells + 3, l->low = -1 - 2.0 / cells, l->per_step = (l->size - 1) / (-2 * l->low);
     l->values = (const float *)pandis__section(f, name, pandis__cube(l->size), sizeof(float));
@@ -5067,10 +5067,10 @@ PANDIS__ONCE static int pandis__open_shape(pandis_field *f) {
     return s->shape >= 0 && s->shape <= PANDIS__CAPSULE;
 }
 
-/* Read the box around the surface, two measured margins and a height. Nothing is touched farther outside the box than the
- * first margin, or before the probe has gone the distance less a margin: the second where the answer is flagged as a
- * bound, else the first. Where an answer in the box is so flagged and positive, no surface is nearer than the height.
- * Without the section nothing is known. */
+/* Read the box around the surface, two measured margins and a height. A probe farther outside the box than the first
+ * margin touches nothing, nor does one before it has moved by the distance less a margin: the second if the answer is
+ * flagged as a bound, else the first. Where an answer in the box is flagged so and positive, no surface is nearer than
+ * the height. Without the section, nothing is known. */
 PANDIS__ONCE static int pandis__measure(pandis_field *f) {
     const unsigned char *bounds = (const unsigned char *)pandis__section(f, "SAFE", 9, sizeof(double));
     for (int k = 0; k < 2; k++) {
@@ -5087,7 +5087,7 @@ PANDIS__ONCE static int pandis__measure(pandis_field *f) {
     return 1;
 }
 
-/* A region for each face, and its name. */
+/* Read the region of each face, and the regions' names. */
 PANDIS__ONCE static int pandis__open_regions(pandis_field *f) {
     int mesh = f->kind == PANDIS_MESH;
     uint64_t count = mesh ? (uint64_t)f->as.mesh.face_count : (uint64_t)f->as.compact.block_count * PANDIS__BLOCK;
@@ -5130,7 +5130,7 @@ PANDIS__ONCE static pandis_error pandis__open(pandis_field *field, const void *d
     for (int k = 0; k < 3; k++)
         if (!(fabs(field->centre[k]) <= 1e150)) return PANDIS_ERROR_CONTENT;
     int good = 0, kind = (int)pandis__u32(p + 32);
-    if (kind == PANDIS_MESH && pandis__u32(p + 12) < 4) return PANDIS_ERROR_VERSION; /* with leaves of another kind */
+    if (kind == PANDIS_MESH && pandis__u32(p + 12) < 4) return PANDIS_ERROR_VERSION; /* their leaves are of another kind */
     if (kind == PANDIS_NETWORK && pandis__whole(field, 0) <= 1024 && pandis__whole(field, 1) <= 16 &&
         (pandis__whole(field, 0) > PANDIS_MOST_WIDTH || pandis__whole(field, 1) > PANDIS_MOST_DEPTH))
         return PANDIS_ERROR_LARGE;
@@ -5148,13 +5148,13 @@ PANDIS__ONCE static pandis_error pandis__open(pandis_field *field, const void *d
 
 PANDIS__ONCE PANDIS_API pandis_error pandis_open(pandis_field *field, const void *data, size_t size) {
     pandis_error error = pandis__open(field, data, size);
-    if (error) memset(field, 0, sizeof *field); /* what is not open is empty */
+    if (error) memset(field, 0, sizeof *field); /* a field that is not open is all zero */
     return error;
 }
 
 #ifndef PANDIS_NO_FILE
 #ifdef PANDIS__READ
-/* Windows needs UTF-16 for a path that is UTF-8. */
+/* Open a file by its UTF-8 path, which Windows requires in UTF-16. */
 static FILE *pandis__open_path(const char *path) {
 #ifdef _WIN32
     const unsigned char *p = (const unsigned char *)path;

@@ -12,7 +12,7 @@ from pandis.engine.sources import included
 
 _PACKAGE = Path(__file__).parents[1]
 FOLDER = _PACKAGE / "engine/built"
-#: Libraries and their sources: one for fields, contacts and scenes, and plugins.
+#: Sources of each library: one library for fields, contacts and scenes, and one per plugin.
 LIBRARIES = {
     "pandis": [
         _PACKAGE / "runtime/field/field.c",
@@ -21,10 +21,10 @@ LIBRARIES = {
     ],
     "pandis-mujoco": [_PACKAGE / "bridges/mujoco/plugin.c"],
 }
-#: Libraries that include another project's headers; a package has them if its build found those.
+#: Libraries that need another project's headers: built only where those headers are found.
 FOREIGN = {"pandis-mujoco"}
-#: The compiler's name for the oldest processor of each machine. Hot loops are also compiled for
-#: AVX2 and selected at run time. Results are the same to the last bit.
+#: Oldest supported processor of each architecture, by the compiler's name. Hot loops are also
+#: compiled for AVX2 and selected at run time. Results are the same to the last bit.
 KINDS = {"x86_64": "x86-64", "aarch64": "armv8-a"}
 #: Omit unwind tables: C code throws nothing, and libraries get a twentieth smaller. Unroll only
 #: short loops: another seventh smaller, and no slower.
@@ -41,7 +41,7 @@ def find(source, flags):
     ----------
     source : Path
     flags : sequence of str
-        Compiler flags that the library was built with, besides the processor's name.
+        Compiler flags that the library was built with, except for the processor's name.
     """
     library = next((key for key, parts in LIBRARIES.items() if source in parts), None)
     if library is None or not FOLDER.is_dir() or platform.machine() not in KINDS:

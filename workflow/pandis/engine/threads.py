@@ -6,12 +6,12 @@ from itertools import pairwise
 
 #: Fewer points than this are not worth a second thread.
 SMALL = 2048
-#: Pieces per thread: some take longer than others, and no thread should wait for the last one.
+#: Pieces per thread: pieces differ in duration, and small ones shorten the wait for the last.
 _PIECES = 8
 
 
 def thread_count():
-    """Return how many threads native code may use: those of the stage, else one per core."""
+    """Return the number of threads for native code: the stage's, else one per core."""
     variable = os.environ.get("IGL_NUM_THREADS", "")
     return (
         int(variable) if variable.isdigit() and int(variable) > 0 else len(os.sched_getaffinity(0))
@@ -19,7 +19,7 @@ def thread_count():
 
 
 def in_threads(part, count, parts=None, small=SMALL):
-    """Call ``part(low, high)`` for pieces of ``range(count)``, on threads if it is long.
+    """Call ``part(low, high)`` for pieces of ``range(count)``, on threads if count is large.
 
     Parameters
     ----------
@@ -28,7 +28,7 @@ def in_threads(part, count, parts=None, small=SMALL):
     parts : int, optional
         Number of pieces; by default several per thread.
     small : int
-        Count from which a second thread is used; each further thread needs half as many more.
+        Count from which a second thread is used; each further thread requires half as much more.
 
     Returns
     -------

@@ -9,7 +9,7 @@ from pandis.runtime.field import COMPACT, GRID, MESH, NETWORK, RULES, SHAPE, SHA
 from pandis.runtime.field.files import read_contents
 from pandis.runtime.scene import Placed
 
-#: Timed queries, at random points of the box.
+#: Number of timed queries, at random points of the box.
 _QUERIES = 2000
 
 
@@ -32,7 +32,7 @@ def facts(path):
     Raises
     ------
     pandis.base.errors.ArtifactError
-        It cannot be read, is damaged or has another version.
+        The file cannot be read, is damaged or has another version.
     """
     contents = read_contents(path)
     field = contents.field
@@ -107,7 +107,7 @@ def describe(contents):
     centre = ", ".join(f"{place:.6g}" for place in contents["centre"])
     answers = "distance and normal, inside and outside"
     if contents["proxy"]:
-        answers = "force and normal, inside alone"
+        answers = "force and normal, only inside"
     lines = {
         "field": f"{contents['kind']}: {contents['made_of']}",
         "file": f"{contents['bytes']:,} bytes, format {contents['format']}; whole and undamaged",
@@ -126,7 +126,7 @@ def describe(contents):
 def _maker(provenance):
     """Return a field's origin in words."""
     if not provenance:
-        return "the file does not say it"
+        return "unknown: the file does not state it"
     field = _text_in(provenance, "options", "field") or _text_in(provenance, "wildcards", "name")
     mesh, code = _text_in(provenance, "wildcards", "mesh"), _text_in(provenance, "code", "digest")
     parts = [f"field {field}" if field else "", f"of mesh {mesh}" if mesh else "",
@@ -135,7 +135,7 @@ def _maker(provenance):
 
 
 def _text_in(provenance, part, name):
-    """Return a text from a part of a provenance; empty if missing: files may be written by hand."""
+    """Return a string in a part of a provenance; empty if missing, as in hand-written files."""
     there = provenance.get(part)
     text = there.get(name) if isinstance(there, dict) else None
     return text if isinstance(text, str) else ""

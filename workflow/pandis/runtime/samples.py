@@ -1,4 +1,4 @@
-"""Closed forms as fields, for trying out a program without a mesh or a workflow run."""
+"""Closed-form shapes as fields, to try out a program without a mesh or a workflow run."""
 
 import numpy as np
 

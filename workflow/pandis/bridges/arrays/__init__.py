@@ -21,8 +21,8 @@ _KINDS = {SPLINE: spline, NETWORK: network}
 class ArrayField:
     """A field as a function of arrays; created by `torch_field` or `jax_field`.
 
-    Points (n, 3) are in mesh units and have a floating-point type, which answers have, too. Splines
-    are evaluated in that type; networks in single precision, as they are trained.
+    Points (n, 3) are in mesh units. Answers have the floating-point type of the points. Splines are
+    evaluated in that type, networks in single precision, as in training.
     """
 
     def __init__(self, path: str | PathLike[str], xp: Any, put: Any) -> None:
@@ -39,7 +39,7 @@ class ArrayField:
         return self.answer(points)[0]
 
     def answer(self, points: Any) -> tuple[Any, Any]:
-        """Return distances (n,) and normals (n, 3) at points (n, 3), as from the C library.
+        """Return distances (n,) and normals (n, 3) at points (n, 3), as the C library does.
 
         There are no flags: outside the box, and outside a spline's band, distances are estimates.
         The normal of a network with one output is its gradient, which needs a second pass.
@@ -56,7 +56,7 @@ class ArrayField:
         away = xp.where(beyond > 0, xp.sqrt(xp.where(beyond > 0, beyond, 1.0)), 0.0)
         distance, direction = self._answer(xp, data, box, away, _grad(xp))
         length = xp.sqrt((direction * direction).sum(-1, keepdims=True))
-        up = self._put(np.array([0.0, 0.0, 1.0]), points)  # as in pandis.h, without a direction
+        up = self._put(np.array([0.0, 0.0, 1.0]), points)  # as in pandis.h, if none is defined
         normal = xp.where(length > 0, direction / xp.where(length > 0, length, 1.0), up)
         return distance / self.frame.scale, normal
 
@@ -102,7 +102,7 @@ def torch_field(path: str | PathLike[str]) -> ArrayField:
 
 
 def jax_field(path: str | PathLike[str]) -> ArrayField:
-    """Return a spline or a network as a function of JAX arrays, which can be compiled and mapped.
+    """Return a spline or a network as a JAX function, which can be compiled and mapped.
 
     Raises
     ------

@@ -34,7 +34,7 @@ def lattice(name, size, low):
 
 
 def _blocks(sections, letter, bricks):
-    """Return where each block's coefficients begin (blocks³,); -1 for a block not stored."""
+    """Return the index of each block's first coefficient (blocks³,); -1 if it is not stored."""
     brick = np.frombuffer(sections[f"{letter}BRK"], "<u2").reshape((bricks,) * 3)
     mask = np.frombuffer(sections[f"{letter}MSK"], "<u8")
     stored = np.unpackbits(mask.astype("<u8").view(np.uint8), bitorder="little").reshape(
@@ -138,7 +138,7 @@ def _level(xp, data, name, p):
                 at = start + (((x & 1) << 2) | ((y & 1) << 1) | (z & 1))
                 parts.append(xp.where(start < 0, -1, at))
     at = xp.stack(parts, -1)
-    c = values[at].reshape(-1, 4, 4, 4)  # index -1: the last value, a zero
+    c = values[at].reshape(-1, 4, 4, 4)  # index -1 selects the last value, which is zero
     value, gradient = _sum(xp, c, weights, slopes)
     zero = xp.where(within, 1.0, 0.0)
     return value * zero, gradient * zero[:, None], within & (at >= 0).all(-1)
@@ -163,7 +163,7 @@ def _beyond(xp, data, p):
 
 
 def _free(xp, data, p):
-    """Return which points are in blocks marked as outside."""
+    """Return a mask of the points in blocks that are marked as outside."""
     at = (p - data["coarse_low"]) * data["coarse_rate"]
     block = _whole(xp, xp.floor(xp.clip(at, 0, data["coarse_size"] - 2) / 2))
     across = data["coarse_across"]

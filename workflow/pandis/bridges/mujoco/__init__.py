@@ -27,7 +27,7 @@ def library() -> Path:
     Raises
     ------
     PandisError
-        It must be compiled first, and MuJoCo or a compiler is missing.
+        The plugin must be compiled first, but MuJoCo or a compiler is missing.
     """
     return compiled(SOURCE, (package() / "include",))
 
@@ -70,5 +70,5 @@ def package():
     """
     spec = find_spec("mujoco")
     if spec is None:
-        raise PandisError('there is no MuJoCo here: pip install "mujoco==4.0.1"')
+        raise PandisError('MuJoCo is not installed: pip install "mujoco==4.0.1"')
     return Path(spec.submodule_search_locations[0])

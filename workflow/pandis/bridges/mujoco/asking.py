@@ -20,8 +20,8 @@ class Sdf(ctypes.Structure):
 def asker(model, geom=0):
     """Return a function that computes distances (n,) and gradients (n, 3) of a model's geom.
 
-    Its argument is points (n, 3) in the geom's frame. A geom without a plugin uses MuJoCo's own
-    field of its mesh.
+    The function takes points (n, 3) in the geom's frame. For a geom without a plugin it uses
+    MuJoCo's own field of the mesh.
     """
     import mujoco
 

@@ -34,8 +34,8 @@ class Bridge:
     model : mujoco.MjModel
     data : mujoco.MjData
     stiffness : float
-        Stiffness that pulls a probe back behind a surface, N/m: at most the value that the
-        validation found safe for the device.
+        Stiffness of the spring that holds a probe back at a surface, N/m: at most the value that
+        the validation found safe for the device.
     radius : float
         Radius of the probe, m.
     materials : dict of str to Material, optional
@@ -138,8 +138,8 @@ class Bridge:
         every = round(self.model.opt.timestep / period)
         if every < 1 or abs(every * period - self.model.opt.timestep) > 1e-9:
             raise PandisError(
-                f"the model's timestep of {self.model.opt.timestep:g} s is no whole number of "
-                f"ticks of {period:g} s: set <option timestep>"
+                f"the model's timestep of {self.model.opt.timestep:g} s is not a whole number "
+                f"of ticks of {period:g} s: set <option timestep>"
             )
         options |= {"period": period, "between": self.step, "every": every}
         return self.order(ticks, limits, **options)
@@ -147,7 +147,7 @@ class Bridge:
     def step(self) -> None:
         """Apply the hand's forces to the bodies, advance the simulation, and hand over the poses.
 
-        The forces are averages since the last step. They are added to ``data.xfrc_applied`` during
+        The forces are averaged since the last step. They are added to ``data.xfrc_applied`` during
         the step only. Forces of the hand are dropped while the simulation is more than four steps
         late.
         """
@@ -204,7 +204,7 @@ class Bridge:
                 data.xfrc_applied[body, k] += pushes[k]
                 matrices[i, :, k] = jacobian @ (accelerations() - still) / pushes[k]
                 data.xfrc_applied[:] = forces
-        accelerations()  # discard those of the trials
+        accelerations()  # overwrites the accelerations of the trials
         data.qacc_warmstart[:] = warm
         return matrices
 

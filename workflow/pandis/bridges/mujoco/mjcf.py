@@ -23,7 +23,7 @@ def write_mjcf(scene, path, meshes=None):
     The bodies are static; add ``<freejoint/>`` to a body to let it move. Each geom takes distances
     from its field, and appearance, mass and bounds from a mesh. That mesh is written beside the
     model if the object's field, or ``exact.pandis`` beside it, is an exact mesh. Otherwise MuJoCo
-    makes a mesh from the field, which lacks parts thinner than a hundredth of the object.
+    makes a mesh from the field, and parts thinner than a hundredth of the object are lost.
 
     Parameters
     ----------
@@ -32,7 +32,7 @@ def write_mjcf(scene, path, meshes=None):
     path : path-like
         ``….xml``; mesh files are named after it.
     meshes : dict of str to path-like, optional
-        Mesh files to use instead, by object name, in units of its field.
+        Mesh files to use instead, by object name, in the units of the object's field.
 
     Raises
     ------
@@ -64,7 +64,7 @@ def mjcf_text(model, placed, meshes, frictions):
     meshes : dict of str to path-like
         Mesh files, by object name; an object may have none.
     frictions : dict of str to float
-        By object name; other objects have MuJoCo's default.
+        Friction coefficients by object name; other objects have MuJoCo's default.
     """
     root = ElementTree.Element("mujoco", model=model)
     plugin = _under(root, "extension/plugin", plugin=NAME)
@@ -116,19 +116,19 @@ def _read(path):
     except OSError as error:
         raise ArtifactError(f"{path}: it cannot be read: {error.strerror}") from error
     except (ValueError, KeyError, TypeError, AttributeError) as error:
-        raise ArtifactError(f"{path}: this is no scene of results/scenes: {error!r}") from error
+        raise ArtifactError(f"{path}: not a scene from results/scenes: {error!r}") from error
     return placed, frictions
 
 
 def _file(name, scene):
-    """Return a scene's file, relative to the working directory or to a folder above the scene."""
+    """Return the path of a scene's file: relative to the working directory or a parent folder."""
     above = scene.resolve().parents
     places = [Path(name), *(folder / name for folder in above)]
     return next((place for place in places if place.is_file()), Path(name))
 
 
 def _mesh_file(field, path, written):
-    """Write the mesh of a field, or of the exact field beside it, once; None if neither exists."""
+    """Write the mesh of a field, or of the exact field beside it, once; return its path or None."""
     beside = field.path if field.kind == MESH else field.path.with_name("exact.pandis")
     if not beside.is_file():
         return None

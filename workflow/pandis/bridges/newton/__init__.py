@@ -16,14 +16,14 @@ from pandis.base.errors import PandisError
 from pandis.bridges.newton.cells import EMPTY, LINEAR, NODES, Grid, build
 from pandis.runtime.field import NativeField, Number
 
-#: Version of Newton's cache, and the release whose code defines it.
+#: Version of Newton's cache format, and the release whose code defines it.
 VERSION, RELEASE = 2, "1.8.0"
 #: Storage formats of nodes: bytes per number, and its type.
 FORMATS = {"uint8": (1, np.uint8), "uint16": (2, np.uint16), "float32": (4, np.float32)}
 _KIND = "newton.texture_sdf"
-#: Most packed blocks along an axis: their positions have ten bits.
+#: Maximum number of packed blocks along an axis: a position has ten bits.
 _MOST = 1023
-#: Largest distance between mesh and field, as a share of the longest side.
+#: Largest accepted distance between mesh and field, as a share of the longest side.
 _APART = 0.02
 
 
@@ -87,18 +87,18 @@ def cooked(
         Choose node values that minimise the error of Newton's interpolation, instead of the
         distances at the nodes.
     progress : callable
-        ``progress(done, total)``, in points.
+        Called as ``progress(done, total)``, in points.
 
     Returns
     -------
     name : str
-    held : dict of str to ndarray
+    content : dict of str to ndarray
 
     Raises
     ------
     PandisError
-        Mesh and field are at different places, an option has an invalid value, or the grid is too
-        fine for Newton's layout.
+        Mesh and field do not coincide, an option has an invalid value, or the grid is too fine for
+        Newton's layout.
 
     Notes
     -----
@@ -154,7 +154,7 @@ def arrays(coarse, blocks, values, flat, grid, texture_format):
         raise PandisError(
             "max_resolution: there are more blocks near the surface than Newton can address"
         )
-    # Newton counts blocks with x fastest
+    # Newton numbers blocks with x varying fastest
     order = np.lexsort(places.T)
     required = np.zeros(grid.blocks[::-1], np.int32)
     required[tuple(places.T[::-1])] = 1
@@ -217,19 +217,19 @@ def hashed(mesh, vertices, options):
 
 
 def _sign_method(mesh, options):
-    """Return Newton's method of finding signs, which is part of the name."""
+    """Return Newton's method of finding signs, which is part of the cache name."""
     if options != "auto":
         return options
     return "parity" if mesh.is_watertight else "winding"
 
 
 def _check_place(distance, vertices):
-    """Refuse a mesh that does not match the field: usually its units differ."""
+    """Raise PandisError if mesh and field do not match, usually because their units differ."""
     some = vertices[:: max(1, len(vertices) // 10_000)].astype(float)
     apart = np.median(np.abs(distance(some)))
     longest = float(np.ptp(vertices, axis=0).max())
     if not apart <= _APART * longest:
         raise PandisError(
             f"the mesh's vertices are {apart:.3g} m from the field's surface (median), and the "
-            f"mesh is {longest:.3g} m long: is `length` the metres of a unit of the field?"
+            f"mesh is {longest:.3g} m long: is `length` in metres per unit of the field?"
         )

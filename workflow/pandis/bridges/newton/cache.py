@@ -1,4 +1,4 @@
-"""The workflow's file for Newton: a mesh in metres, and its cooked distances."""
+"""The workflow's file ``newton.npz``: a mesh in metres, and its distances, cooked for Newton."""
 
 import io
 import json
@@ -18,19 +18,19 @@ _NOTE = "__pandis__"
 
 
 class CacheFile(NamedTuple):
-    """Content of such a file.
+    """Content of a ``newton.npz`` file.
 
     Attributes
     ----------
     name : str
-        Its name in Newton's cache.
+        Name of the file in Newton's cache.
     content : dict of str to ndarray
         The arrays that Newton reads.
     vertices : ndarray, shape (V, 3), float32
         Metres.
     indices : ndarray, shape (3 F,), int32
     options : dict
-        Options of ``build_sdf``; with other options Newton does not find the distances.
+        Options of ``build_sdf``; with any others Newton does not find the distances.
     provenance : dict
     """
 
@@ -59,7 +59,7 @@ def keep(
     provenance: dict[str, Any],
     progress: Any = lambda done, total: None,
 ) -> CacheFile:
-    """Cook a mesh.
+    """Cook the distances of a mesh.
 
     Parameters
     ----------
@@ -68,7 +68,7 @@ def keep(
         In units of the field's mesh.
     faces : ndarray, shape (F, 3)
     length : float
-        Metres per such unit.
+        Metres per unit of the field's mesh.
     options : dict
         Options of ``build_sdf``, including the method of finding signs.
     provenance : dict
@@ -87,12 +87,12 @@ def keep(
 
 
 def read(path: str | PathLike[str]) -> CacheFile:
-    """Read such a file.
+    """Read a ``newton.npz`` file.
 
     Raises
     ------
     ArtifactError
-        It cannot be read, or is another kind of file.
+        The file cannot be read, or is of another kind.
     """
     try:
         with np.load(path) as file:
@@ -109,7 +109,7 @@ def read(path: str | PathLike[str]) -> CacheFile:
 
 
 def unpack(path: str | PathLike[str], folder: str | PathLike[str]) -> CacheFile:
-    """Store the distances of such a file in a folder, where ``build_sdf`` finds them.
+    """Store the distances of a ``newton.npz`` file in a folder for ``build_sdf``.
 
     Parameters
     ----------

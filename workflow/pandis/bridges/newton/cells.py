@@ -12,11 +12,11 @@ import numpy as np
 CELLS, NODES = 8, 9
 #: Marks of blocks that the coarse grid represents (LINEAR), and of blocks beyond the band (EMPTY).
 LINEAR, EMPTY = np.uint32(0xFFFFFFFE), np.uint32(0xFFFFFFFF)
-#: A block is left to the coarse grid if the error is below this share of the grid's diagonal.
+#: The coarse grid represents a block if its error is below this share of the grid's diagonal.
 FLAT = 1e-6
 #: Fine nodes are fitted within this many cells of the surface: probes go no deeper.
 FITTED = 4.0
-#: Stopping criteria of conjugate gradients: relative residual, and most iterations.
+#: Stopping criteria of conjugate gradients: relative residual, maximum number of iterations.
 _ENOUGH, _ROUNDS = 1e-4, 60
 #: Points per call; a long bake can be interrupted between calls.
 _CHUNK = 1 << 18
@@ -41,7 +41,7 @@ class Grid(NamedTuple):
         Parameters
         ----------
         margin : float
-            On each side, m.
+            Margin on each side, m.
         resolution : int or None
             Cells along the longest side.
         voxel : float or None
@@ -74,7 +74,7 @@ class Blocks(NamedTuple):
     nodes : ndarray, shape (u, 3)
         Their nodes in the fine grid, without duplicates.
     index : ndarray, shape (b, 9, 9, 9)
-        The nodes of each block, by x, y and z.
+        Rows of ``nodes`` for each block, by x, y and z.
     """
 
     places: np.ndarray
@@ -102,12 +102,12 @@ class Blocks(NamedTuple):
 
 
 def build(distance, grid, band, fitted, progress):
-    """Return coarse distances, blocks, their distances, and which blocks are flat.
+    """Return coarse distances, blocks, values at their nodes, and the places of flat blocks.
 
     Parameters
     ----------
     distance : callable
-        From points (n, 3) to distances (n,), both in metres.
+        Maps points (n, 3) to distances (n,), both in metres.
     grid : Grid
     band : float
         Distance from the surface up to which blocks are stored, m.
@@ -115,7 +115,7 @@ def build(distance, grid, band, fitted, progress):
         Choose node values that minimise the interpolation error near the surface (`fit`), instead
         of the distances at the nodes.
     progress : callable
-        ``progress(done, total)``, in points.
+        Called as ``progress(done, total)``, in points.
 
     Returns
     -------
@@ -155,7 +155,7 @@ def fit(distance, grid, blocks, values, progress):
     spots, shares = (np.array(list(product(each, repeat=3))) for each in _GAUSS)
     weights = np.prod(np.where(_CORNERS, spots[:, None], 1 - spots[:, None]), axis=2)
     count, share = len(values), np.prod(shares, axis=1)
-    whole = np.bincount(corners.ravel(), minlength=count) == len(_CORNERS)  # has all its cells
+    whole = np.bincount(corners.ravel(), minlength=count) == len(_CORNERS)  # all cells are near
 
     def gathered(of_cells):
         return whole * np.bincount(corners.ravel(), of_cells.ravel(), count)

@@ -10,7 +10,7 @@ from pandis.base.errors import PandisError
 SIDE = 8
 #: Default number of voxels along the object's longest side.
 ALONG = 200
-#: Points per call, and most blocks that may be examined.
+#: Points per call, and maximum number of blocks that may be examined.
 _CHUNK, _MOST = 1 << 18, 1 << 27
 
 
@@ -24,9 +24,9 @@ class Leaves(NamedTuple):
     values : ndarray, shape (n, 8, 8, 8), float32
         Distances, clipped to the background.
     voxel, background : float
-        The length of a voxel, and the largest distance stored.
+        Length of a voxel, and largest distance stored, both in volume units.
     inside : callable
-        From points (n, 3) in voxels to booleans (n,): whether they are inside.
+        Maps points (n, 3) in voxels to booleans (n,): whether they are inside.
     """
 
     origins: np.ndarray
@@ -48,13 +48,13 @@ def leaves(field, voxel, band, length=1.0, whole=False):
     ----------
     field : pandis.runtime.field.NativeField
     voxel : float
-        Its length, in volume units.
+        Length of a voxel, in volume units.
     band : float
         Width of the band of distances on each side of the surface, in voxels.
     length : float
         Volume units per unit of the field's mesh.
     whole : bool
-        Also keep the blocks deeper inside.
+        Whether to keep the blocks deeper inside, too.
 
     Raises
     ------

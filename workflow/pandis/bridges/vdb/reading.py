@@ -11,18 +11,18 @@ from pandis.bridges.vdb.vdb import BY_SIGN, INNER, MAGIC, OUTER, VERSION
 
 
 class Grid(NamedTuple):
-    """A grid of a file.
+    """A grid in a ``.vdb`` file.
 
     Attributes
     ----------
     origins : ndarray, shape (n, 3)
         The first voxel of each leaf.
     values : ndarray, shape (n, 8, 8, 8), float32
-        Inactive voxels have the background with its sign.
+        Inactive voxels have the background value with the sign of their side.
     active : ndarray, shape (n, 8, 8, 8), bool
         Whether the value of a voxel is stored.
     tiles : ndarray, shape (m, 3)
-        Centres of the tiles, in voxels: the regions without leaves.
+        Centres of the tiles (regions without leaves), in voxels.
     outside : ndarray, shape (m,), bool
         Whether the tiles are outside.
     voxel, background : float

@@ -1,7 +1,7 @@
 """Writes grids of floats as ``.vdb`` files: OpenVDB's version 224, compressed by masks only.
 
 A tree has three levels: nodes with 32³ children, nodes with 16³ children, and leaves of 8³ voxels.
-Regions without leaves have the background value, whose sign is that of the side.
+Regions without leaves have the background value with the sign of their side.
 """
 
 import hashlib
@@ -13,10 +13,10 @@ import numpy as np
 from pandis.bridges.vdb.leaves import SIDE
 
 MAGIC, VERSION, _LIBRARY = 0x56444220, 224, (10, 0)
-#: Children along a node of the two inner levels, and its length in voxels.
+#: Children along an axis of a node, and its length in voxels, for the two inner levels.
 INNER, OUTER = (16, 16 * SIDE), (32, 32 * 16 * SIDE)
-#: Compression of a grid: only active values are stored. Of a node: a mask tells whether an inactive
-#: value is the background outside or the one inside.
+#: Compression of a grid: only active values are stored. Compression of a node: a mask selects the
+#: background outside or the one inside for each inactive value.
 _BY_MASK, BY_SIGN = 2, 3
 
 
@@ -26,7 +26,7 @@ def vdb_bytes(volumes):
     Parameters
     ----------
     volumes : dict of str to pandis.bridges.vdb.leaves.Leaves
-        By grid name.
+        Volumes by grid name.
     """
     grids = {name: _grid(name, leaves) for name, leaves in volumes.items()}
     digest = hashlib.sha256(b"".join(part for parts in grids.values() for part in parts)).digest()

@@ -32,8 +32,8 @@ def write_volume(
         Length of a voxel; by default a two-hundredth of the object's longest side.
     band : float
         Width of the band of distances on each side of the surface, in voxels. Beyond it a ``.vdb``
-        has the background with the sign of the side, like any level set. A ``.nvdb`` has the
-        negative background in the blocks inside; everything outside has the plain background.
+        has the background value with the sign of the side, like any level set. A ``.nvdb`` has the
+        negative background value in blocks inside, and the positive one everywhere outside.
     length : float
         Volume units per unit of the field's mesh.
     name : str
@@ -47,7 +47,7 @@ def write_volume(
     """
     path = Path(path)
     if path.suffix not in (".vdb", ".nvdb"):
-        raise PandisError(f"{path}: a volume is called ….vdb (OpenVDB) or ….nvdb (NanoVDB)")
+        raise PandisError(f"{path}: the file name must end in .vdb (OpenVDB) or .nvdb (NanoVDB)")
     if not field.has_distance:
         raise PandisError(f"{field.path}: it is a grid of forces, which has no distance outside")
     if voxel is None:

@@ -14,14 +14,14 @@ from pandis.runtime.field.files import read_contents
 try:
     import warp as wp
 except ImportError as error:
-    raise PandisError('there is no Warp here: pip install "warp-lang>=1.19"') from error
+    raise PandisError('Warp is not installed: pip install "warp-lang>=1.19"') from error
 
 from pandis.bridges.warp.compact import compact_answer
 from pandis.bridges.warp.data import ROOM, Answer, Field, upload
 from pandis.bridges.warp.networks import network_answer
 from pandis.bridges.warp.splines import INVALID, spline_answer
 
-#: Beyond this squares overflow, and there is no answer, as in pandis.h.
+#: Squares of larger coordinates overflow; there is no answer there, as in pandis.h.
 _FARTHEST = wp.constant(wp.float64(1e150))
 
 
@@ -33,7 +33,7 @@ class WarpField:
     path : path-like
         A ``.pandis`` file of one of these kinds.
     device : optional
-        Warp device; by default Warp chooses.
+        Warp device; Warp's default device if None.
 
     Raises
     ------
@@ -84,7 +84,7 @@ class WarpField:
         self.answer = function(self.kind, self.data.width, self.data.outputs)
 
     def query(self, points: Any) -> tuple[Any, Any, Any]:
-        """Answer points like `pandis.runtime.field.NativeField.query`.
+        """Query points, as `pandis.runtime.field.NativeField.query` does.
 
         Parameters
         ----------
@@ -94,7 +94,7 @@ class WarpField:
         Returns
         -------
         distances, normals, flags : wp.array of float64, of vec3d, of int32
-            On the field's device; ``.numpy()`` brings them back.
+            On the field's device; ``.numpy()`` copies them to the host.
         """
         if not isinstance(points, wp.array):
             points = wp.array(points, dtype=wp.vec3d, device=self.device)
@@ -151,7 +151,7 @@ def _kernel(kind, width, outputs):
 
 
 def _room(contents):
-    """Return the most boxes that can be pending, by the depth of a compact mesh's tree."""
+    """Return the maximum number of pending boxes, from the depth of a compact mesh's tree."""
     import numpy as np
 
     branches = np.frombuffer(contents.sections["BRCH"], "<i4").reshape(-1, 24)

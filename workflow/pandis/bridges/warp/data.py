@@ -5,15 +5,15 @@ import warp as wp
 
 from pandis.runtime.field import COMPACT, NETWORK, SPLINE
 
-#: Lattice steps count from minus this: half of the longest side, in the unit frame.
+#: Half of the longest side, in the unit frame; the lattice begins at minus this.
 HALF = 0.9
-#: Room of a query for pending boxes, of which there may be seven for each level of the tree.
+#: Maximum number of pending boxes of a query: up to seven for each level of the tree.
 ROOM = 256
 
 
 @wp.struct
 class Lattice:
-    """A lattice of cubic B-spline coefficients: ``size`` per axis, the first at ``low``."""
+    """A lattice of cubic B-spline coefficients: ``size`` nodes per axis, the first at ``low``."""
 
     size: wp.int32
     bricks: wp.int32
@@ -81,7 +81,7 @@ def upload(contents, device):
     contents : pandis.runtime.field.files.Contents
         Contents of a spline, a compact mesh or a network.
     device : str or wp.Device, optional
-        By default Warp chooses.
+        Warp's default device if None.
     """
     fill = {SPLINE: _spline, COMPACT: _compact, NETWORK: _network}
 
@@ -129,7 +129,7 @@ def _compact(field, contents, there, to_device):
     field.step, field.reach = 2 * HALF / ((1 << contents.wholes[0]) - 1), contents.reals[0]
     field.branches, field.blocks = there("BRCH", np.uint64), there("BLCK", np.uint64)
     section = np.frombuffer(contents.sections["PACK"], np.uint8)
-    # a word may begin at any byte, so pad for the eight bytes that it reads
+    # a read of eight bytes may begin at any byte, so pad the end
     whole = np.zeros(-(-len(section) // 8) + 1, np.uint64)
     whole.view(np.uint8)[: len(section)] = section
     field.packed = to_device(whole, np.uint64)

@@ -16,16 +16,16 @@ try:
     from mujoco_warp._src import collision_sdf
     from mujoco_warp._src.types import vec_pluginattr
 except ImportError as error:
-    raise PandisError('there is no MuJoCo Warp here: pip install "mujoco-warp==4.0.0"') from error
+    raise PandisError('MuJoCo Warp is not installed: pip install "mujoco-warp==4.0.0"') from error
 
-#: First number of an instance, which identifies its function: the first function has 76,912.
+#: An instance's first number, which identifies its function, is this plus 1, 2, ….
 _MARK = 76_911
-#: Offsets of its other numbers: the field's address in parts of 22 bits, scale, origin, rotation.
+#: Offsets of the other numbers: the field's address in parts of 22 bits, scale, origin, rotation.
 _ADDRESS, _SCALE, _ORIGIN, _TURN = 1, 4, 5, 8
 #: Distance at points without an answer, as in MuJoCo.
 _NOWHERE = wp.constant(1e10)
 
-#: The functions that collisions call so far, in the order of their marks.
+#: Functions installed for collisions so far, in the order of their first numbers.
 _known: list = []
 
 
@@ -77,14 +77,14 @@ def put_model(model: Any, instances: Iterable[Any], **options: Any) -> "mujoco_w
     model : mujoco.MjModel
         Compiled with the plugin.
     instances : iterable of pandis.bridges.mujoco.instances.Instance
-        Its geoms of `pandis.sdf`: ``instances(model)``.
+        The model's geoms of `pandis.sdf`: ``instances(model)``.
     **options
         For ``mujoco_warp.put_model``.
 
     Returns
     -------
     mujoco_warp.Model
-        It keeps its geoms' fields alive.
+        The model on the device; it keeps the fields of its geoms alive.
 
     Raises
     ------
@@ -134,7 +134,7 @@ def _without_texts(model, numbers):
 
 
 def _install(answer):
-    """Make collisions call a function, ahead of those installed before."""
+    """Make collisions call a function, before any installed earlier."""
     if answer in _known:
         return
     mark = wp.constant(float(_MARK + 1 + len(_known)))

@@ -1,7 +1,7 @@
 """The nearest face of a compact mesh in Warp: parts/packed.h and the searches of parts/compact.h.
 
-The search is in single precision, with sums in the order of pandis.h, so that both find the same
-one of several almost equally near faces.
+The search runs in single precision and adds in the order of pandis.h, so that both find the same
+face among several that are almost equally near.
 """
 
 import warp as wp
@@ -46,7 +46,7 @@ class Branch:
 
 @wp.func
 def word_at(packed: wp.array(dtype=wp.uint64), byte: wp.int32) -> wp.uint64:
-    """Return the eight bytes from any offset on, the first one lowest."""
+    """Return the eight bytes at any offset as a number, the first byte lowest."""
     at, off = byte >> 3, wp.uint64((byte & 7) * 8)
     word = packed[at] >> off
     if off > wp.uint64(0):
@@ -165,7 +165,7 @@ def least_of(keys: vec8i) -> wp.int32:
 
 @wp.func
 def corner_number(field: Field, b: Block, place: wp.int32, corner: wp.int32) -> wp.int32:
-    """Return the block's number of a face's corner: six bits, eight faces per group."""
+    """Return the index in its block of a face's corner: six bits, eight faces per group."""
     codes = word_at(field.packed, b.faces + GROUP_BYTES * (place >> 3) + 6 * corner)
     return bits_of(codes, 6 * (place & 7), 6)
 
@@ -242,7 +242,7 @@ def triangle_squared(a: wp.vec3f, b: wp.vec3f, c: wp.vec3f, q: wp.vec3f) -> wp.f
 
 @wp.struct
 class Near:
-    """The nearest face so far: squared distance, the same as a key, and block · 64 + place."""
+    """The nearest face so far: squared distance, its key, and face number, block · 64 + place."""
 
     squared: wp.float32
     key: wp.int32
@@ -263,7 +263,7 @@ def nearest_in_block(field: Field, number: wp.int32, p: wp.vec3d, best: Near) ->
         at = b.faces + GROUP_BYTES * group
         first, second = word_at(field.packed, at), word_at(field.packed, at + 6)
         third = word_at(field.packed, at + 12)
-        for i in range(eight):  # not unrolled: compilers would take minutes
+        for i in range(eight):  # not unrolled: unrolled, it compiles for minutes
             squared = triangle_squared(
                 corner_floats(field.packed, b, first, i),
                 corner_floats(field.packed, b, second, i),

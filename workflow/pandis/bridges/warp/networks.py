@@ -1,7 +1,7 @@
 """Sine networks in Warp: values, and gradients by forward differentiation, in single precision.
 
-The width is a constant of each network's function, because a thread stores its layers in registers
-or local memory.
+The width is a constant in each network's function, because each thread stores the layers in
+registers or local memory.
 """
 
 from functools import cache
@@ -50,7 +50,7 @@ def network_answer(width, outputs):
     ----------
     width : int
     outputs : {1, 4}
-        The distance, whose gradient is the direction; or distance and direction.
+        1: the distance, whose gradient is the direction; 4: distance and direction.
     """
     STRIDE = wp.constant(-(-int(width) // 16) * 16)
     ROOM = wp.constant(2 * STRIDE)

@@ -9,10 +9,10 @@ from pandis.bridges.warp.data import Answer, Field, Lattice
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
 BOUND, INVALID = wp.constant(1), wp.constant(2)
-#: The outermost faces of the box belong to its last cells.
+#: Coordinates are clamped to ±EDGE, so the faces of the box belong to its last cells.
 EDGE = wp.constant(wp.float64(1 - 1e-12))
 NO_BRICK = wp.constant(65535)
-#: How far above a crease a spline is evaluated, in steps; least deficit of the squared gradient.
+#: Height above a crease for evaluation, in steps; smallest deficit of the squared gradient.
 LIFT, SHORT = wp.constant(wp.float64(0.7)), wp.constant(wp.float64(0.02))
 TINY = wp.constant(wp.float64(1e-150))
 ZERO, ONE = wp.constant(wp.float64(0.0)), wp.constant(wp.float64(1.0))
@@ -74,7 +74,7 @@ def with_row(total: Sum, x: Axis, y: Axis, z: Axis, i: wp.int32, j: wp.int32, c:
 
 @wp.func
 def block_at(lattice: Lattice, x: wp.int32, y: wp.int32, z: wp.int32) -> wp.int32:
-    """Return where the eight coefficients of a node's block begin; -1 if it is not stored."""
+    """Return the index of the first coefficient of a node's block; -1 if it is not stored."""
     n = lattice.bricks
     brick = int(lattice.brick[((x >> 3) * n + (y >> 3)) * n + (z >> 3)])
     if brick == NO_BRICK:
@@ -95,7 +95,7 @@ def restored(lattice: Lattice, stored: wp.float64) -> wp.float64:
 
 @wp.func
 def lattice_sum(lattice: Lattice, values: Any, p: wp.vec3d, whole: wp.int32) -> Sum:
-    """Return a sparse lattice's sum; nothing if the cell must be whole and lacks coefficients."""
+    """Return a sparse lattice's sum; empty if ``whole`` is 1 and a coefficient is missing."""
     total = Sum()
     x, y, z = along(lattice, p[0]), along(lattice, p[1]), along(lattice, p[2])
     if x.within + y.within + z.within < 3:
@@ -201,7 +201,7 @@ def off_edge(p: wp.vec3d) -> wp.vec3d:
 
 @wp.func
 def in_mesh_units(field: Field, d: wp.float64, direction: wp.vec3d, flag: wp.int32) -> Answer:
-    """Return an answer in mesh units, its normal of unit length."""
+    """Return an answer in mesh units, with a normal of unit length."""
     answer = Answer()
     length = wp.length(direction)
     answer.distance = d / field.scale

@@ -18,7 +18,7 @@ from pandis.runtime.info import no_proxy
 
 HERE = Path(__file__).parent
 SOURCE, MODULE = HERE / "web.c", HERE / "pandis.wasm"
-#: Most bytes of fields on a page: browsers open larger pages slowly.
+#: Maximum total size of a page's fields, bytes: browsers open larger pages slowly.
 LARGEST = 64_000_000
 #: Largest size (m) and stiffness (N/m) on a page; usual end of the stiffness slider (N/m).
 LONGEST, STIFFEST, USUAL = 10.0, 5000.0, 1500.0
@@ -57,7 +57,7 @@ def write_page(path: str | PathLike[str], files, size, stiffness) -> None:
 def page(name, fields, size, stiffness):
     """Return a page on which the fields of an object called ``name`` can be touched.
 
-    Parameters and errors are as for `write_page`, except that the fields are open.
+    Parameters and errors are as for `write_page`, except that ``fields`` are open fields.
     """
     if not (0 < size <= LONGEST and 0 <= stiffness <= STIFFEST):
         raise PandisError(
@@ -123,7 +123,7 @@ def touched(fields, size, stiffness, more):
     ----------
     fields : list of pandis.runtime.field.NativeField
     size, stiffness : float
-        m, N/m.
+        Length of the longest side, m, and initial stiffness, N/m.
     more : dict
         Further data for ``touch.js``: the solid and the loop, or ``view``, the name of the figure
         on the page that contains the solid, if the page contains the loop.
@@ -145,14 +145,14 @@ def touched(fields, size, stiffness, more):
 
 
 def _check(field, first):
-    """Refuse a field that cannot be touched or belongs to another object than the first."""
+    """Raise PandisError for a field that cannot be touched, or belongs to another object."""
     if why := no_proxy(field):
         raise ArtifactError(f"{field.path}: it cannot be touched: {why}")
     apart = np.abs(first.frame.to_unit(field.frame.centre)).max()
     if apart > 0.1 or not 0.9 < field.frame.scale / first.frame.scale < 1.1:
         raise PandisError(
-            f"{field.path}: this is another object than {first.path}, with another size or "
-            "position: write a separate page for each object"
+            f"{field.path}: this is another object than that of {first.path}: its size or "
+            "position differs; write a separate page for each object"
         )
 
 

@@ -19,8 +19,8 @@ _EDGES = [(a, b) for a in range(8) for b in range(a + 1, 8)
 def surface_of(field: NativeField) -> tuple[np.ndarray, np.ndarray]:
     """Return corners (V, 3), unit frame, and faces (F, 3) of a field's surface.
 
-    An exact field with at most `FACES` faces returns its mesh. For all others the corners are on
-    the zero set of the distance.
+    For an exact field with at most `FACES` faces this is its mesh. For all others the corners are
+    on the zero set of the distance.
     """
     if field.kind == MESH and field.path.is_file():
         sections = read_contents(field.path).sections

@@ -15,14 +15,14 @@ from pandis.engine.threads import SMALL, in_threads
 PARTS = ("VERT", "VNRM", "FACE", "NEIG", "TREE", "LEAF")
 #: Bytes of a node and of a leaf.
 NODE_BYTES, LEAF_BYTES = 224, 200
-#: Branches of a tree that are opened first, and all branches, as in branches.h. One thread builds
-#: trees over fewer than _MANY faces.
+#: Numbers of branches of a tree, as in branches.h: those opened first, and all. Trees over fewer
+#: than _MANY faces are built by one thread.
 _OPENED, _BRANCHES, _MANY = 1 + 8, 1 + 8 + 64, 10_000
 INVALID, TIED, OVERRULED, ON_SURFACE = 1, 2, 4, 8
 
 
 class Labels(NamedTuple):
-    """Exact answers at points, in the frame of the mesh.
+    """Exact distances, normals and closest points, in the frame of the mesh.
 
     Attributes
     ----------
@@ -31,11 +31,11 @@ class Labels(NamedTuple):
     normal : ndarray, shape (n, 3)
         Direction of steepest increase, unit length.
     face : ndarray, shape (n,), int32
-        Face with the closest point; -1 at invalid points.
+        Index of the face with the closest point; -1 at invalid points.
     barycentrics : ndarray, shape (n, 3)
-        Barycentrics of the closest point.
+        Barycentric coordinates of the closest point.
     flags : ndarray, shape (n,), uint8
-        Sum of INVALID (not finite, or from 1e150 on), TIED (two closest points), OVERRULED (the
+        Sum of INVALID (not finite, or 1e150 or more), TIED (two closest points), OVERRULED (the
         pseudonormal's sign was wrong) and ON_SURFACE (the normal is the pseudonormal).
     """
 
@@ -100,7 +100,7 @@ class Bvh:
         opened = [partial(lib.bvh_open, work, index) for index in range(_OPENED)]
         grown = [partial(lib.bvh_grow, work, index) for index in range(_BRANCHES)]
         others = [partial(task, work) for task in (lib.bvh_meet, lib.bvh_turn)]
-        # each step waits for the one before; its longest tasks come first
+        # each step waits for the previous one; its longest tasks start first
         for tasks in (opened[:1], opened[1:], [*others, *grown]):
             in_threads(lambda low, _, tasks=tasks: tasks[low](), len(tasks), len(tasks), small)
         return lib.bvh_finish(work)
@@ -117,14 +117,14 @@ class Bvh:
         ----------
         points : ndarray, shape (n, 3)
         on_surface : float
-            Up to this distance the normal is the pseudonormal and no sign is checked.
+            Distance up to which the normal is the pseudonormal and no sign is checked.
         check : bool
-            Compare every sign with the winding number.
+            Whether to compare every sign with the winding number.
         tie : (float, float), optional
-            Relative distance and angle (radians): flag points with a second closest point that is
-            farther by at most the one, in a direction that differs by more than the other.
+            Relative distance d and angle a (radians). Points are flagged if a second closest point
+            is farther by at most d, in a direction that differs by more than a.
         feet : bool
-            Return faces and barycentrics, too; else they are None.
+            Whether to return faces and barycentrics; otherwise they are None.
 
         Returns
         -------
@@ -161,7 +161,7 @@ class Bvh:
         return out
 
     def inside(self, points):
-        """Return which points (n, 3) are inside, by the winding number alone."""
+        """Return a mask (n,) of the points (n, 3) inside, by the winding number alone."""
         points = np.ascontiguousarray(points, np.float64)
         inside = np.empty(len(points), np.uint8)
 
@@ -173,9 +173,9 @@ class Bvh:
         return inside.astype(bool)
 
     def look_wrong(self, beside):
-        """Return which faces (F,) have the outside below them, or the inside above.
+        """Return a mask (F,) of faces with the outside below them, or the inside above them.
 
-        Each is checked at points at the distance ``beside`` on both sides, in the middle and near
+        Each face is tested at points at distance ``beside`` on both sides, in the middle and near
         the corners. Faces without area count as wrong.
         """
         wrong = np.empty(self._faces, np.uint8)
@@ -192,7 +192,7 @@ class Bvh:
         Returns
         -------
         dict of str to bytes
-            By their section names in docs/format.md.
+            The keys are the section names in docs/format.md.
         """
         arrays, size = {}, ctypes.c_int64()
         for index, name in enumerate(PARTS):
@@ -208,7 +208,7 @@ class Bvh:
     def scan(self, points):
         """Return distance (n,) and normal (n, 3) at points (n, 3) by brute force over all faces.
 
-        Off the surface, the bits are those of `label` without a check of signs. A program without
+        Off the surface, results equal `label` with ``check=False`` bit for bit. A program without
         a tree, such as the paper's ground truth, computes distances this way.
         """
         points = np.ascontiguousarray(points, np.float64)

@@ -1,1 +1,1 @@
-"""Code in Warp: exact distances for labels by the million, volumes, and training steps."""
+"""Warp code: exact distances for millions of labels, volumes, and training steps."""

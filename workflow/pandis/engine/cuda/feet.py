@@ -1,4 +1,4 @@
-"""Closest points on a triangle in Warp, in double precision, as in parts/triangles.h."""
+"""Closest points on a triangle in Warp, in double precision, as in parts/mesh.h."""
 
 import warp as wp
 
@@ -9,7 +9,7 @@ ZERO, ONE = wp.constant(wp.float64(0.0)), wp.constant(wp.float64(1.0))
 
 @wp.struct
 class Foot:
-    """The vector from a face's closest point, and the corner or edge with that point (or -1)."""
+    """The vector from a face's closest point; the corner or edge with that point, or -1."""
 
     offset: wp.vec3d
     corner: wp.int32
@@ -18,7 +18,7 @@ class Foot:
 
 @wp.func
 def inner_foot(a: wp.vec3d, b: wp.vec3d, c: wp.vec3d, p: wp.vec3d) -> Foot:
-    """Return the foot inside a face; edge 0 and corner 0 mean that there is none."""
+    """Return the foot inside a face; if there is none, its edge and corner are both 0."""
     foot = Foot()
     u, v, x = b - a, c - a, p - a
     n = wp.cross(u, v)
@@ -55,7 +55,7 @@ def rim_foot(a: wp.vec3d, b: wp.vec3d, c: wp.vec3d, p: wp.vec3d) -> Foot:
         if length > ZERO:
             t = wp.clamp(wp.dot(u, x) / length, ZERO, ONE)
         offset = x - t * u
-        if t > wp.float64(0.5):  # from the nearer end: less cancellation
+        if t > wp.float64(0.5):  # from the nearer end, for less cancellation
             offset = (p - end) + (ONE - t) * u
         squared = wp.dot(offset, offset)
         if squared < best:

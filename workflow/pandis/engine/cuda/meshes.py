@@ -1,7 +1,7 @@
-"""Exact distances to meshes in Warp, for labels by the million: parts/mesh.h in double precision.
+"""Exact distances to meshes in Warp, for millions of labels: parts/mesh.h in double precision.
 
 The tree is that of `pandis.engine.bvh`, whose boxes are rounded outward. As on the host, single
-precision selects the boxes and faces that may be nearest, with allowance for its error: extra
+precision selects the boxes and faces that may be nearest, with a margin for its error: extra
 candidates change no result. Closest points on these faces are computed in double precision, so
 distances differ from the tree's own only by rounding.
 """
@@ -16,7 +16,7 @@ from pandis.engine.cuda.feet import ONE, ZERO, Foot, inner_foot, rim_foot
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
-#: Capacity for one point's waiting boxes and leaves: a tree needs seven per level, plus one.
+#: Capacity of a query's queue of boxes and leaves. It needs seven entries per level, plus one.
 ROOM = 448
 _ROOM = wp.constant(ROOM)
 #: Bound on the relative error of single precision in a coordinate and in a sum of squares.
@@ -90,7 +90,7 @@ def pseudonormal(tree: Tree, face: wp.int32, foot: Foot) -> wp.vec3d:
 
 @wp.func
 def box_squared(tree: Tree, node: wp.int32, place: wp.int32, p: wp.vec3f) -> wp.float32:
-    """Return a lower bound of the squared distance to a child's box; infinite without a child."""
+    """Return a lower bound of the squared distance to a child's box; infinite if it is missing."""
     sum = wp.float32(0.0)
     for k in range(3):
         low = tree.boxes[node, 8 * k + place]
@@ -143,7 +143,7 @@ def seems(tree: Tree, leaf: wp.int32, place: wp.int32, q: wp.vec3f) -> wp.float3
 
 @wp.func
 def nearest_face(tree: Tree, p: wp.vec3d) -> Nearest:
-    """Return the nearest face; of equally near ones, the one with the least index."""
+    """Return the nearest face; among equally near faces, the one with the smallest index."""
     waiting = wp.zeros(shape=_ROOM, dtype=wp.int32)
     keys = wp.zeros(shape=_ROOM, dtype=wp.float32)
     seem = wp.zeros(shape=8, dtype=wp.float32)
@@ -222,7 +222,7 @@ def label(
 
 
 class MeshLabels:
-    """Labels points with a mesh on a Warp device; several threads take turns.
+    """Labels points with a mesh on a Warp device; concurrent calls wait for each other.
 
     Parameters
     ----------
@@ -231,7 +231,7 @@ class MeshLabels:
     reach : float
         The largest absolute coordinate.
     device : optional
-        A Warp device; by default Warp's choice.
+        A Warp device; Warp's default device if None.
 
     Raises
     ------
@@ -247,7 +247,7 @@ class MeshLabels:
         needed = 7 * _depth(boxes, children) + 1
         if needed > ROOM:
             raise RuntimeError(
-                f"the tree is so deep that {needed} boxes may wait, more than {ROOM}"
+                f"the tree is too deep: {needed} boxes may be queued, more than {ROOM}"
             )
         tree = Tree()
         tree.boxes = self._there(boxes, wp.float32)
@@ -265,7 +265,7 @@ class MeshLabels:
             setattr(tree, name, self._there(values, dtype))
         tree.reach = reach
         self._tree, self._lock = tree, threading.Lock()
-        # takes precedence over training steps, which are many and small
+        # this stream takes precedence over the many small training steps
         self._stream = wp.Stream(self.device, priority=-1) if self.device.is_cuda else None
 
     def _there(self, values, dtype):

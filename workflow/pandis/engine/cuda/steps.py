@@ -1,6 +1,6 @@
-"""Training steps between matrix products in Warp: one kernel each, where torch needs several.
+"""Warp kernels for training steps between matrix products: one where torch needs several.
 
-Arrays are torch's, in single precision, and a column is a point, as in
+Arrays are torch tensors in single precision, with one column per point, as in
 `pandis.pipeline.kinds.network.training.network`. Kernels are launched on torch's current stream, so
 that a recorded graph contains them.
 """

@@ -24,10 +24,10 @@ def mass_steps(oscillator, position, speed, push, steps):
     Parameters
     ----------
     oscillator : ndarray, shape (9,)
-        Factors of position, speed and push in the position after a step, then in the speed; then
-        friction (N), stiffness of the hand (N/m) and duration of a step (s).
+        Factors of position, speed and push: three for the position after a step, three for the
+        speed; then friction (N), stiffness of the hand (N/m) and duration of a step (s).
     position, speed, push : array-like, shape (n, 3)
-        m, m/s, N; not modified.
+        In m, m/s and N; not modified.
     steps : int
     """
     oscillator = np.ascontiguousarray(oscillator, np.float64)

@@ -10,11 +10,11 @@ from pandis.base.errors import PandisError
 from pandis.engine.compiler import load
 from pandis.engine.threads import in_threads
 
-#: Most bits of a lattice coordinate.
+#: Maximum number of bits of a lattice coordinate.
 MOST_BITS = 20
-#: Bytes of a branch and of a block's record.
+#: Sizes of a branch and of a block's record, bytes.
 BRANCH_BYTES, BLOCK_BYTES = 96, 16
-#: Most faces of a block.
+#: Maximum number of faces per block.
 BLOCK_FACES = 64
 #: How a point's side is found: from its nearest face, from a stored side, or by a ray.
 BY_FACE, OUTSIDE, INSIDE, BY_RAY = 0, 1, 2, 3
@@ -53,7 +53,7 @@ class Sides(NamedTuple):
 
 
 def find_rays(vertices, faces):
-    """Return points that determine the sides at corners and edges where faces do not.
+    """Return test points for corners and edges whose sides the faces do not determine.
 
     Parameters
     ----------
@@ -65,7 +65,7 @@ def find_rays(vertices, faces):
     points : ndarray, shape (n, 3)
         Just off the surface; the nearest surface point is the corner, or the edge's middle.
     owners : ndarray, shape (n,), int32
-        For a corner its vertex; for an edge V + 3 · face + the corner where it begins.
+        For a corner, its vertex; for an edge, V + 3 · face + its first corner.
     """
     vertices, faces = _checked(vertices, faces)
     library = _library()
@@ -86,7 +86,7 @@ def pack_mesh(vertices, faces, sides):
     Parameters
     ----------
     vertices : ndarray, shape (V, 3), integer
-        From 0 to 2^20 - 1.
+        Lattice coordinates, from 0 to 2^20 - 1.
     faces : ndarray, shape (F, 3), integer
         No face may have two equal corners.
     sides : Sides
@@ -122,7 +122,7 @@ def pack_mesh(vertices, faces, sides):
 
 
 def distance_and_clear(arrays, bits, points, most=0):
-    """Return distances as ``pandis.h`` does, and lower bounds of the distance to the surface.
+    """Return the distances of ``pandis.h``, and lower bounds of the distance to the surface.
 
     Parameters
     ----------
@@ -131,7 +131,7 @@ def distance_and_clear(arrays, bits, points, most=0):
     bits : int
     points : ndarray, shape (n, 3)
     most : int
-        Groups of faces and blocks that a query may visit; 0: no limit.
+        Maximum number of face groups and blocks that a query may visit; 0: no limit.
 
     Returns
     -------

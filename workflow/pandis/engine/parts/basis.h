@@ -7,7 +7,7 @@
 #if defined(__FAST_MATH__) || defined(__RECIPROCAL_MATH__) || (defined(__FINITE_MATH_ONLY__) && __FINITE_MATH_ONLY__ > 0) || defined(_M_FP_FAST)
 #error "pandis.h needs IEEE arithmetic: compile without -ffast-math (/fp:fast)"
 #endif
-#if FLT_EVAL_METHOD != 0 && FLT_EVAL_METHOD != 16 /* 16: half precision has arithmetic of its own */
+#if FLT_EVAL_METHOD != 0 && FLT_EVAL_METHOD != 16 /* 16: only half-precision arithmetic differs */
 #error "pandis.h needs float and double arithmetic as such: compile with -mfpmath=sse"
 #endif
 #ifndef PANDIS_NO_FILE
@@ -31,9 +31,9 @@
 #define PANDIS__RESTRICT restrict
 #endif
 
-/* A plain -O2 is enough for all that follows. GCC then uses few vectors, and fewer still if an operation might trap, so
- * options are set here; clang needs none. Products and sums are rounded one by one, whatever the flags say, so that every
- * compiler, every machine and every vector width gives the same bits. */
+/* -O2 is enough for the code below. GCC then uses few vectors, and even fewer if an operation might trap, so options are
+ * set here; clang needs none. Products and sums are rounded separately, whatever the flags, so that all compilers,
+ * machines and vector widths give the same bits. */
 #if defined(__cplusplus) && defined(__GNUC__) /* the code is also C, which has no other casts */
 #pragma GCC diagnostic push
 #pragma GCC diagnostic ignored "-Wold-style-cast"
@@ -50,13 +50,13 @@
 #define PANDIS__PUSHED
 #endif
 
-#if defined(__GNUC__) && !(defined(__clang__) && !defined(__OPTIMIZE__)) /* its stack would grow */
+#if defined(__GNUC__) && !(defined(__clang__) && !defined(__OPTIMIZE__)) /* without optimisation clang's stack would grow */
 #define PANDIS__INLINE static inline __attribute__((always_inline))
 #else
 #define PANDIS__INLINE static inline
 #endif
 
-/* Not inlined: its stack frame stays apart. */
+/* Not inlined, so that the function keeps a separate stack frame. */
 #if defined(__GNUC__)
 #define PANDIS__APART __attribute__((noinline))
 #elif defined(_MSC_VER)
@@ -79,20 +79,20 @@
 #define PANDIS_MOST_DEPTH 16
 #endif
 
-#define PANDIS__LONGEST 1.8       /* of the unit frame: a mesh is scaled so that its longest side is this */
+#define PANDIS__LONGEST 1.8       /* longest side of a mesh in the unit frame */
 #define PANDIS__HALF (PANDIS__LONGEST / 2)
-#define PANDIS__FAR 1e150         /* farther points overflow when squared */
+#define PANDIS__FAR 1e150         /* larger coordinates overflow when squared */
 #define PANDIS__EDGE (1 - 1e-12)  /* the outermost faces of the box belong to its last cells */
-#define PANDIS__LANES 16          /* sums run in this many lanes, whatever the machine's vectors hold */
+#define PANDIS__LANES 16          /* number of lanes of a sum, whatever the machine's vector width */
 #define PANDIS__ROWS ((PANDIS_MOST_WIDTH + PANDIS__LANES - 1) / PANDIS__LANES * PANDIS__LANES)
-#define PANDIS__HEAP 512 /* boxes that can wait to be visited; above that, farther ones are dropped */
+#define PANDIS__HEAP 512 /* capacity of the queue of boxes to visit; if it is full, the farthest are dropped */
 #define PANDIS__STACK 704
-#define PANDIS__DEEPEST 100 /* each level leaves seven entries on the stack */
+#define PANDIS__DEEPEST 100 /* maximum depth of a tree: each level leaves seven entries on the stack */
 #define PANDIS__NO_BRICK 65535
 #define PANDIS__MOST_BITS 20
-#define PANDIS__SOON 192 /* at least this many boxes and faces are visited in tree order, before best-first */
+#define PANDIS__SOON 192 /* minimum number of boxes and faces visited in tree order, before best-first */
 #define PANDIS__SLACK 16 /* bytes after the last block that are read but not used */
-#define PANDIS__BLOCK 64 /* most faces, and most corners, of a block of a packed mesh */
+#define PANDIS__BLOCK 64 /* maximum number of faces, and of corners, per block of a packed mesh */
 
 static double pandis__dot(const double *u, const double *v) {
     return u[0] * v[0] + u[1] * v[1] + u[2] * v[2];
@@ -107,7 +107,7 @@ static void pandis__cross(const double *u, const double *v, double *out) {
 #define PANDIS__STIFFEST 1e100
 #define PANDIS__TINY 1e-150 /* squares of smaller numbers lose digits */
 
-/* Scale to unit length; 0 if it is 0. */
+/* Scale a vector to unit length; returns 0 if its length is 0. */
 static int pandis__normalise(double *v) {
     double length = sqrt(pandis__dot(v, v));
     if (!(length > PANDIS__TINY)) return 0;
@@ -115,7 +115,7 @@ static int pandis__normalise(double *v) {
     return 1;
 }
 
-/* Move a point into a box; returns how far. */
+/* Move a point into a box; returns the distance moved. */
 static double pandis__clamp_to(const double *low, const double *high, const double *u, double *inside) {
     double off[3];
     for (int k = 0; k < 3; k++) {

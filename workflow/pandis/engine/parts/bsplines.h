@@ -1,6 +1,6 @@
 /* ---------------------------------------------------------------- B-splines */
 
-/* Cubic B-spline weights of the four nodes around t in [0, 1), and their derivatives by t. */
+/* Cubic B-spline weights of the four nodes around t in [0, 1), and their derivatives with respect to t. */
 PANDIS__INLINE void pandis__weigh(double t, double *w, double *dw) {
     double s = 1 - t;
     w[0] = s * s * s / 6, w[3] = t * t * t / 6;
@@ -9,7 +9,7 @@ PANDIS__INLINE void pandis__weigh(double t, double *w, double *dw) {
     dw[1] = t * (3 * t - 4) / 2, dw[2] = -s * (3 * s - 4) / 2;
 }
 
-/* Find the cell of a point and the weights of its 4 x 4 x 4 nodes; 0 outside of the lattice. */
+/* Find the cell of a point and the weights of its 4 x 4 x 4 nodes; returns 0 outside the lattice. */
 PANDIS__INLINE int pandis__place(int32_t size, double low, double per_step, const double *p, int *first, double (*w)[4],
                                  double (*dw)[4]) {
     for (int k = 0; k < 3; k++) {
@@ -22,7 +22,7 @@ PANDIS__INLINE int pandis__place(int32_t size, double low, double per_step, cons
     return 1;
 }
 
-/* Four numbers at once, where the compiler has vectors: each is computed as it would be alone. */
+/* Four numbers at once, if the compiler has vectors; each result is the same as if computed alone. */
 #if defined(PANDIS__VECTOR) && PANDIS__VECTOR > 1
 typedef double pandis__four __attribute__((vector_size(32)));
 typedef float pandis__four_floats __attribute__((vector_size(16), aligned(4), may_alias));
@@ -56,7 +56,7 @@ PANDIS__INLINE void pandis__tensor(const float *c, double (*w)[4], double (*dw)[
     }
 }
 
-/* The 64 coefficients of a lattice that holds them all. */
+/* Read the 64 coefficients around a point from a dense lattice. */
 static void pandis__gather(const float *values, int32_t size, const int *first, float *c) {
     for (int x = 0; x < 4; x++)
         for (int y = 0; y < 4; y++)
@@ -64,7 +64,7 @@ static void pandis__gather(const float *values, int32_t size, const int *first, 
                    values + ((ptrdiff_t)(first[0] + x) * size + first[1] + y) * size + first[2], 4 * sizeof *c);
 }
 
-/* Value and gradient at a point of the box, from a lattice around it. */
+/* Compute value and gradient at a point of the box, from a lattice that covers it. */
 static void pandis__cubic(const pandis__lattice *l, const double *u, double *value, double *gradient) {
     double within[3], w[3][4], dw[3][4];
     float c[64];
@@ -86,7 +86,7 @@ PANDIS__INLINE int pandis__count_bits(uint64_t x) {
 #endif
 }
 
-/* Where the eight coefficients of a block of a brick begin, or -1 if it is not kept. */
+/* Index of the first of a block's eight coefficients, or -1 if the block is not stored. */
 PANDIS__INLINE int32_t pandis__block_of(const pandis__layout *l, uint16_t brick, int bit) {
     if (brick == PANDIS__NO_BRICK) return -1;
     uint64_t mask = l->mask[brick], one = (uint64_t)1 << bit;

@@ -1,7 +1,7 @@
 /* ---------------------------------------------------------------- answers of a packed mesh */
 
-/* The nearest face so far: its squared distance, also as a key, and block * 64 + its place there. Also how many groups
- * and blocks may still be visited, and the key of the nearest that was not. */
+/* State of a search: the nearest face so far (squared distance, its key, and block * 64 + place), the remaining budget of
+ * groups and blocks, and the key of the nearest group or block that was not visited. */
 typedef struct {
     float squared;
     int32_t key, face, left, unseen;
@@ -39,7 +39,7 @@ PANDIS__INLINE void pandis__branch_keys(const pandis__branch *branch, const doub
     pandis__byte_bounds(branch->boxes[0], branch->count, shift, q, keys);
 }
 
-/* Descend depth-first, the nearest branch first; for most points that soon finds the nearest face. */
+/* Descend depth-first, the nearest branch first; for most points this finds the nearest face early. */
 PANDIS__INLINE void pandis__search_depth_body(const pandis__compact *t, const double *p, pandis__near *best) {
     struct {
         int32_t keys[PANDIS__WIDTH];
@@ -99,8 +99,8 @@ PANDIS__INLINE void pandis__search_best_body(const pandis__compact *t, const dou
 
 PANDIS__COMPILE(pandis__search_best, (const pandis__compact *t, const double *p, pandis__near *best), (t, p, best))
 
-/* The nearest face to a point in steps of the lattice: block * 64 + place; INT32_MAX if there is none within the
- * reach (steps). If the search was cut short, all others are at least `clear` away, squared; else it is infinite. */
+/* Find the face nearest to a point in lattice steps: block * 64 + place; INT32_MAX if there is none within `reach`
+ * (steps). `clear`: if the search was cut short, the squared distance that all other faces exceed; else infinite. */
 static int32_t pandis__search(const pandis__compact *t, const double *p, double reach, float *clear) {
     int32_t soon = pandis__soon(t->most);
     pandis__near best = {FLT_MAX, INT32_MAX - 1, INT32_MAX, soon, INT32_MAX};
@@ -115,13 +115,13 @@ static int32_t pandis__search(const pandis__compact *t, const double *p, double 
     return best.face;
 }
 
-/* One corner of a block, in steps of the lattice. */
+/* Read the position of a block's corner, in lattice steps. */
 static void pandis__packed_corner(const pandis__packed *b, int corner, double *out) {
     uint64_t word = pandis__word(b, corner);
     for (int k = 0; k < 3; word >>= b->bits[k++]) out[k] = b->origin[k] + (double)(word & ((1u << b->bits[k]) - 1));
 }
 
-/* The corners of a face: their numbers in the block, and where they lie. */
+/* Read the corners of a face: their numbers in the block, and their positions. */
 static void pandis__face_corners(const pandis__packed *b, int place, int *corners, double (*at)[3]) {
     const unsigned char *faces = b->faces + PANDIS__GROUP_BYTES * (place / PANDIS__WIDTH);
     for (int k = 0; k < 3; k++) {
@@ -133,7 +133,7 @@ static void pandis__face_corners(const pandis__packed *b, int place, int *corner
 /* An entry of a two-bit list. */
 static int pandis__two_bits(const unsigned char *list, int at) { return list[at / 4] >> 2 * (at % 4) & 3; }
 
-/* Which of eight boxes a ray from a point along x meets: a bit each. */
+/* Bit mask of the boxes, of eight, that a ray from a point along x meets. */
 static int pandis__boxes_ahead(const unsigned char *boxes, int count, const int32_t *origin, const int *shift,
                                const double *p) {
     int met = 0;
@@ -148,7 +148,7 @@ static int pandis__boxes_ahead(const unsigned char *boxes, int count, const int3
 }
 
 /* Twice the signed area that an edge and a point span, seen along x. The edge's two directions give exactly opposite
- * values, so that a ray next to it meets one of its two faces. */
+ * values, so that a ray close to the edge meets exactly one of its two faces. */
 static double pandis__beside(const double *a, const double *b, const double *p) {
     int turn = a[1] > b[1] || (a[1] == b[1] && a[2] > b[2]);
     const double *s = turn ? b : a, *e = turn ? a : b;
@@ -156,14 +156,14 @@ static double pandis__beside(const double *a, const double *b, const double *p) 
     return turn ? -area : area;
 }
 
-/* How a triangle changes the winding number along a ray from a point along x. */
+/* Change of the winding number at a triangle, for a ray from a point along x. */
 static int pandis__crossing(const double (*c)[3], const double *p) {
     double area[3], all = 0, x = 0;
     int left = 0;
     for (int k = 0; k < 3; k++) {
         const double *a = c[k], *b = c[(k + 1) % 3];
         area[k] = pandis__beside(a, b, p);
-        /* on the edge: to the left of it if it leads upwards */
+        /* a point on the edge counts as left of it if the edge leads upwards */
         left += area[k] > 0 || (area[k] == 0 && (a[1] < b[1] || (a[1] == b[1] && a[2] < b[2])));
         all += area[k];
     }
@@ -172,7 +172,7 @@ static int pandis__crossing(const double (*c)[3], const double *p) {
     return x > p[0] ? (all > 0 ? 1 : -1) : 0;
 }
 
-/* The winding number of the surface around a point: faces that a ray along x leaves, less those that it enters. */
+/* Winding number of a point: exits minus entries of a ray along x through the faces. */
 PANDIS__APART static int pandis__winding(const pandis__compact *t, const double *p) {
     int32_t stack[PANDIS__STACK];
     int top = 1, turns = 0, shift[3];
@@ -201,7 +201,7 @@ PANDIS__APART static int pandis__winding(const pandis__compact *t, const double 
     return turns;
 }
 
-/* Which of eight boxes a segment from a point meets, from some share of it on: a bit each. */
+/* Bit mask of the boxes, of eight, that a segment from a point meets beyond the share `from` of its length. */
 static int pandis__boxes_between(const unsigned char *boxes, int count, const int32_t *origin, const int *shift,
                                  const double *p, const double *way, double from) {
     int met = 0;
@@ -219,8 +219,8 @@ static int pandis__boxes_between(const unsigned char *boxes, int count, const in
     return met;
 }
 
-/* The side of a point, by the first face on the way to a target. It is clear up to the share `from`. If too many faces
- * are met, the target's own decides. */
+/* Find the side of a point from the first face on the segment to a target, which is free up to the share `from`. If the
+ * segment meets too many faces, the target's face decides. */
 PANDIS__APART static int pandis__first_side(const pandis__compact *t, const double *p, const double *target,
                                             const double *n, double from) {
     int32_t stack[PANDIS__STACK], left = t->most;
@@ -256,7 +256,7 @@ PANDIS__APART static int pandis__first_side(const pandis__compact *t, const doub
     return side;
 }
 
-/* What tells the side of a point with this closest point. */
+/* How to find the side of a point with this closest point. */
 static int pandis__tells(const pandis__packed *b, int place, const int *corners, const pandis__foot *foot) {
     int tells = PANDIS__BY_FACE;
     if (!b->sides) return tells;
@@ -268,7 +268,7 @@ static int pandis__tells(const pandis__packed *b, int place, const int *corners,
     return tells == PANDIS__BY_FACE ? pandis__two_bits(faces, place) : tells;
 }
 
-/* The side of a point after a search that was cut short: other faces may be nearer, but not than `clear`. */
+/* Find the side of a point after a search that was cut short: other faces may be nearer, but not nearer than `clear`. */
 static int pandis__cut_side(const pandis__compact *t, const double *p, const double (*corner)[3],
                             const pandis__foot *foot, const double *n, double clear) {
     double target[3]; /* next to the foot, within the face */

@@ -1,6 +1,6 @@
 /* ---------------------------------------------------------------- contact */
 
-/* The force of spring and damping, in the object's frame and scene units, from where probe and proxy are. */
+/* Compute the force of spring and damping from the positions of probe and proxy; object's frame, scene units. */
 static void pandis__pull(const pandis__contact *c, const pandis_object *o, const double *normal, double damping,
                          double *force) {
     double per = o->scale / o->field->scale;
@@ -12,8 +12,8 @@ static void pandis__pull(const pandis__contact *c, const pandis_object *o, const
     for (int k = 0; k < 3; k++) force[k] += fast * normal[k];
 }
 
-/* The largest probe (unit frame) that finds its way back. Where the field gives only a lower bound of the distance, a
- * larger probe would know of no free space. */
+/* Largest radius of a probe (unit frame) that can return to free space. Where the field has only a lower bound of the
+ * distance, no free space would be known for a larger probe. */
 static double pandis__widest(const pandis_field *f) {
     if (f->kind == PANDIS_SPLINE) return 0.95 * fmax(f->height, f->as.spline.outside);
     return f->kind == PANDIS_GRID ? 0.95 * f->height : 1e100;
@@ -71,10 +71,10 @@ PANDIS_API pandis_contact_options pandis_contact_get(const pandis_contact *conta
 
 PANDIS_API pandis_error pandis_contact_set(pandis_contact *contact, const pandis_contact_options *options) {
     pandis__contact *c = pandis__contact_of(contact);
-    if (!c->options.budget) return PANDIS_ERROR_OPTIONS; /* it is not open */
+    if (!c->options.budget) return PANDIS_ERROR_OPTIONS; /* the contact is not open */
     pandis_error error = pandis__check_options(options, &c->object);
     if (error) return error;
-    /* the known free space is that of the old radius and texture */
+    /* the known free space depends on the old radius and texture */
     if (options->radius != c->options.radius || options->texture != c->options.texture) c->ball[3] = -1;
     c->options = *options;
     return PANDIS_SUCCESS;
@@ -82,7 +82,7 @@ PANDIS_API pandis_error pandis_contact_set(pandis_contact *contact, const pandis
 
 PANDIS_API void pandis_contact_reshaped(pandis_contact *contact) { pandis__contact_of(contact)->ball[3] = -1; }
 
-/* Move the walls outward by `by`, at most to the probe: then nothing stands between it and its proxy. */
+/* Move the walls outward by `by`, at most to the probe, and the proxy to the probe. */
 static void pandis__stand_at(pandis__proxy *p, const double *probe, pandis__look *look, double by) {
     p->state->sunk -= by, p->radius += by;
     look->distance -= by, look->free -= by, look->sure -= by;
@@ -93,8 +93,8 @@ static void pandis__stand_at(pandis__proxy *p, const double *probe, pandis__look
     pandis__learn(p, look, probe, look->distance);
 }
 
-/* Begin where the probe is. If that is inside, the walls stand at its depth until it comes out: nothing kicks it, and
- * nothing lets it through. */
+/* Begin at the probe. If it is inside, the walls are moved in to its depth until it comes out, so that it is neither
+ * kicked out nor let through. */
 static int pandis__begin(pandis__proxy *p, const double *probe) {
     pandis__look look;
     if (!pandis__look_at(p, probe, &look) || (look.distance < 0 && p->flag != PANDIS_OK)) return 0;
@@ -103,7 +103,7 @@ static int pandis__begin(pandis__proxy *p, const double *probe) {
     return 1;
 }
 
-/* After a beginning inside, when nothing holds the probe back: let the walls rise to where it is. */
+/* After a start inside, while nothing holds the probe back, move the walls outward to the probe. */
 static int pandis__rise(pandis__proxy *p, const double *probe) {
     pandis__look look;
     if (!pandis__look_at(p, probe, &look)) return 0;
@@ -111,7 +111,7 @@ static int pandis__rise(pandis__proxy *p, const double *probe) {
     return 1;
 }
 
-/* Find the region that the proxy lies in, from a mesh of the same object. */
+/* Find the region at the proxy, from a mesh of the same object. */
 static void pandis__find_region(pandis__proxy *p) {
     const pandis_field *f = p->field;
     pandis_answer answer;
@@ -165,7 +165,7 @@ PANDIS_API pandis_flag pandis_contact_step(pandis_contact *handle, const pandis_
     contact->object = *object;
     pandis__proxy p; /* unused planes are uninitialised */
     p.state = contact, p.field = f, p.radius = options->radius * per - contact->sunk, p.tolerance = 1e-11;
-    p.blur = f->kind == PANDIS_COMPACT ? f->as.compact.step : PANDIS__BEHIND; /* the lattice step, which may fold faces */
+    p.blur = f->kind == PANDIS_COMPACT ? f->as.compact.step : PANDIS__BEHIND; /* the lattice step; rounding may fold faces */
     p.queries = 0, p.flag = PANDIS_OK;
     p.exact = f->kind == PANDIS_MESH || f->kind == PANDIS_COMPACT || f->kind == PANDIS_SHAPE;
     p.flat = p.exact && !options->texture;
@@ -199,7 +199,7 @@ PANDIS_API pandis_flag pandis_contact_step(pandis_contact *handle, const pandis_
         contact->lift = PANDIS__HOVER, contact->pace = PANDIS__PACE / 8;
         contact->settled = contact->close = contact->idle = 0;
     }
-    /* the spring: it changes by no more than probe and proxy may go */
+    /* limit the spring's change to the distance that probe and proxy may move */
     double most = 2 * moved + options->slide * dt * per, change = 0;
     for (int k = 0; k < 3; k++) {
         pulled[k] = contact->state == PANDIS__TOUCHES ? p.x[k] - probe[k] : 0;

@@ -27,7 +27,7 @@ static void pandis__tensor_twice(const float *c, double (*w)[4], double (*dw)[4]
     for (int i = 0; i < 9; i++) hessian[i] += i / 3 < i % 3 ? h[i / 3][i % 3] : h[i % 3][i / 3];
 }
 
-/* Where a point lies in a lattice, with all weights; 0 outside of it. */
+/* Find the cell of a point in a lattice, with all weights; returns 0 outside the lattice. */
 static int pandis__place_twice(int32_t size, double low, double per_step, const double *p, int *first, double (*w)[4],
                                double (*dw)[4], double (*ddw)[4]) {
     if (!pandis__place(size, low, per_step, p, first, w, dw)) return 0;
@@ -35,7 +35,7 @@ static int pandis__place_twice(int32_t size, double low, double per_step, const 
     return 1;
 }
 
-/* Derivatives of a spline in its band; returns 0 elsewhere, and where pandis__sharpen changes it. */
+/* Compute the derivatives of a spline in its band; returns 0 elsewhere, and where pandis__sharpen changes the answer. */
 static int pandis__bend_spline(const pandis__spline *s, const double *u, double *gradient, double *hessian) {
     double w[3][4], dw[3][4], ddw[3][4], value = 0;
     for (int k = 0; k < 3; k++)
@@ -54,7 +54,7 @@ static int pandis__bend_spline(const pandis__spline *s, const double *u, double 
     return !(value < 0 && 1 - pandis__dot(gradient, gradient) > PANDIS__SHORT);
 }
 
-/* Those of a distance grid; 0 outside its box. */
+/* Compute the derivatives of a distance grid; returns 0 outside its box. */
 static int pandis__bend_grid(const pandis__grid *g, const double *u, double *gradient, double *hessian) {
     for (int k = 0; k < 3; k++)
         if (!(u[k] > g->low[k] && u[k] < g->high[k])) return 0;
@@ -87,7 +87,7 @@ static int pandis__bend_grid(const pandis__grid *g, const double *u, double *gra
     return 1;
 }
 
-/* Hessian of the distance to a point or, if `along` is a unit vector, to a line; the answer is in mesh units. */
+/* Compute the Hessian of the distance to a point or, if `along` is a unit vector, to a line; the answer is in mesh units. */
 static void pandis__bend_round(const pandis_answer *answer, const double *along, double *hessian) {
     for (int i = 0; i < 9; i++) {
         double rest = (i % 4 == 0) - answer->normal[i / 3] * answer->normal[i % 3];
@@ -95,7 +95,7 @@ static void pandis__bend_round(const pandis_answer *answer, const double *along,
     }
 }
 
-/* The second derivatives of a closed form, which is flat or round about a point or a line. */
+/* Compute the second derivatives of a closed form, which is flat, or round about a point or a line. */
 static void pandis__bend_shape(const pandis__shape *s, const double *p, const pandis_answer *answer, double *hessian) {
     double along[3] = {0, 0, 0};
     pandis_answer round = *answer;
@@ -119,14 +119,14 @@ static void pandis__bend_shape(const pandis__shape *s, const double *p, const pa
     for (int i = 0; i < 9; i++) hessian[i] += bend * (along[i / 3] * along[i % 3]);
 }
 
-/* Answer a point offset along an axis. */
+/* Query a point at an offset along an axis. */
 static void pandis__query_beside(const pandis_field *field, const double *point, double step, int axis, pandis_answer *answer) {
     double beside[3] = {point[0], point[1], point[2]};
     beside[axis] += step;
     pandis_query(field, beside, answer);
 }
 
-/* Finite differences; `own`: the gradient is the answer's own. */
+/* Compute finite differences: of the answers' gradients if `own`, else of distances. */
 static void pandis__differ(const pandis_field *field, const double *point, int own, const pandis_answer *here,
                            double *gradient, double *hessian) {
     double step = own ? PANDIS__STEP : field->kind == PANDIS_NETWORK ? PANDIS__WIDE_STEP : PANDIS__FINE_STEP;
@@ -180,7 +180,7 @@ PANDIS_API pandis_flag pandis_derivatives(const pandis_field *field, const doubl
         else
             by_formula = kind == PANDIS_SPLINE ? pandis__bend_spline(&field->as.spline, u, own, bend)
                                                : pandis__bend_grid(&field->as.grid, u, own, bend);
-        for (int i = 0; i < 9; i++) bend[i] *= field->scale; /* distances are lengths, too */
+        for (int i = 0; i < 9; i++) bend[i] *= field->scale; /* not squared: distances are scaled, too */
     }
     if (kind == PANDIS_MESH || kind == PANDIS_COMPACT || kind == PANDIS_SHAPE) memcpy(own, answer.normal, sizeof own);
     if (!by_formula) {

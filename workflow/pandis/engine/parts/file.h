@@ -1,4 +1,4 @@
-/* The lattice that answers in the box, `cells` per axis there. */
+/* Open a lattice that covers the box with `cells` cells per axis. */
 PANDIS__ONCE static int pandis__open_lattice(const pandis_field *f, const char *name, int32_t cells, pandis__lattice *l) {
     l->size = cells + 3, l->low = -1 - 2.0 / cells, l->per_step = (l->size - 1) / (-2 * l->low);
     l->values = (const float *)pandis__section(f, name, pandis__cube(l->size), sizeof(float));
@@ -106,10 +106,10 @@ PANDIS__ONCE static int pandis__open_shape(pandis_field *f) {
     return s->shape >= 0 && s->shape <= PANDIS__CAPSULE;
 }
 
-/* Read the box around the surface, two measured margins and a height. Nothing is touched farther outside the box than the
- * first margin, or before the probe has gone the distance less a margin: the second where the answer is flagged as a
- * bound, else the first. Where an answer in the box is so flagged and positive, no surface is nearer than the height.
- * Without the section nothing is known. */
+/* Read the box around the surface, two measured margins and a height. A probe farther outside the box than the first
+ * margin touches nothing, nor does one before it has moved by the distance less a margin: the second if the answer is
+ * flagged as a bound, else the first. Where an answer in the box is flagged so and positive, no surface is nearer than
+ * the height. Without the section, nothing is known. */
 PANDIS__ONCE static int pandis__measure(pandis_field *f) {
     const unsigned char *bounds = (const unsigned char *)pandis__section(f, "SAFE", 9, sizeof(double));
     for (int k = 0; k < 2; k++) {
@@ -126,7 +126,7 @@ PANDIS__ONCE static int pandis__measure(pandis_field *f) {
     return 1;
 }
 
-/* A region for each face, and its name. */
+/* Read the region of each face, and the regions' names. */
 PANDIS__ONCE static int pandis__open_regions(pandis_field *f) {
     int mesh = f->kind == PANDIS_MESH;
     uint64_t count = mesh ? (uint64_t)f->as.mesh.face_count : (uint64_t)f->as.compact.block_count * PANDIS__BLOCK;
@@ -169,7 +169,7 @@ PANDIS__ONCE static pandis_error pandis__open(pandis_field *field, const void *d
     for (int k = 0; k < 3; k++)
         if (!(fabs(field->centre[k]) <= 1e150)) return PANDIS_ERROR_CONTENT;
     int good = 0, kind = (int)pandis__u32(p + 32);
-    if (kind == PANDIS_MESH && pandis__u32(p + 12) < 4) return PANDIS_ERROR_VERSION; /* with leaves of another kind */
+    if (kind == PANDIS_MESH && pandis__u32(p + 12) < 4) return PANDIS_ERROR_VERSION; /* their leaves are of another kind */
     if (kind == PANDIS_NETWORK && pandis__whole(field, 0) <= 1024 && pandis__whole(field, 1) <= 16 &&
         (pandis__whole(field, 0) > PANDIS_MOST_WIDTH || pandis__whole(field, 1) > PANDIS_MOST_DEPTH))
         return PANDIS_ERROR_LARGE;
@@ -187,13 +187,13 @@ PANDIS__ONCE static pandis_error pandis__open(pandis_field *field, const void *d
 
 PANDIS__ONCE PANDIS_API pandis_error pandis_open(pandis_field *field, const void *data, size_t size) {
     pandis_error error = pandis__open(field, data, size);
-    if (error) memset(field, 0, sizeof *field); /* what is not open is empty */
+    if (error) memset(field, 0, sizeof *field); /* a field that is not open is all zero */
     return error;
 }
 
 #ifndef PANDIS_NO_FILE
 #ifdef PANDIS__READ
-/* Windows needs UTF-16 for a path that is UTF-8. */
+/* Open a file by its UTF-8 path, which Windows requires in UTF-16. */
 static FILE *pandis__open_path(const char *path) {
 #ifdef _WIN32
     const unsigned char *p = (const unsigned char *)path;

@@ -1,10 +1,10 @@
 /* ---------------------------------------------------------------- how a proxy follows the probe */
 
-#define PANDIS__SMALL 1e-13  /* shorter ways are 0 (unit frame) */
-#define PANDIS__ABOVE 4e-6   /* above this height a plane is not touched */
-#define PANDIS__GAP 5e-4     /* a ball may miss the proxy by this much in an edge or a corner */
+#define PANDIS__SMALL 1e-13  /* shorter motions count as 0 (unit frame) */
+#define PANDIS__ABOVE 4e-6   /* largest height of the proxy above a plane that it touches */
+#define PANDIS__GAP 5e-4     /* largest gap between ball and proxy in an edge or a corner */
 #define PANDIS__ASIDE 1e-3   /* lifts: sideways offset of a second look */
-#define PANDIS__SLIVER 2e-4  /* this much of a way need not be known to be free */
+#define PANDIS__SLIVER 2e-4  /* length of a path that need not be known to be free */
 
 /* Whether a look shows a wall that is nearer than all known planes. */
 static int pandis__unknown(const pandis__proxy *p, const pandis__look *look) {
@@ -45,7 +45,7 @@ static int pandis__climb(pandis__proxy *p) {
     return 1;
 }
 
-/* Take a larger ball above the proxy. 0: no answer. */
+/* Find a larger ball above the proxy. 0: no answer. */
 static int pandis__widen(pandis__proxy *p) {
     pandis__look look;
     double at[3];
@@ -56,7 +56,7 @@ static int pandis__widen(pandis__proxy *p) {
     return 1;
 }
 
-/* Make a new ball. A proxy that the surface has moved over is put back onto it. 0: no answer. */
+/* Find a new ball. If the surface has moved past the proxy, the proxy is put back onto it. 0: no answer. */
 static int pandis__regain(pandis__proxy *p) {
     pandis__look look;
     if (!pandis__look_at(p, p->x, &look)) return 0;
@@ -69,23 +69,23 @@ static int pandis__regain(pandis__proxy *p) {
 
 /* The proxy's motion in a step. */
 typedef struct {
-    double travel;           /* along the surface, at most */
+    double travel;           /* largest distance along the surface */
     double sticking, sliding; /* friction coefficients */
-    double soft;             /* share of motion along it that drag leaves */
-    double slip;             /* way that friction and drag leave; negative until known */
+    double soft;             /* share of the motion along the surface that drag leaves */
+    double slip;             /* distance that friction and drag allow; negative until known */
     double shrink;           /* share of a hop that is tried */
-    double slid, goal[3];    /* how far it has slid; where it would go without friction */
-    int arriving;            /* it is not yet on the planes */
-    int active, rubs;        /* bit sets: planes that hold it back, and those that rub */
-    int held;                /* by `travel` or the budget */
-    int stuck;               /* no way on was found */
-    int turned;              /* how often another wall was in the way, */
-    int refused;             /* a step would have led away from the probe, */
-    int lost, narrow;        /* a ball did not join the last one, or did not reach the proxy's place, */
-    int climbed, confirmed;  /* the chain of balls was begun anew, or distant planes were looked at again */
+    double slid, goal[3];    /* distance slid so far; goal without friction */
+    int arriving;            /* the proxy is not yet on the planes */
+    int active, rubs;        /* bit sets: planes that hold the proxy back, and planes with friction */
+    int held;                /* stopped by `travel` or the budget */
+    int stuck;               /* no further motion was found */
+    int turned;              /* number of times that another wall was in the way */
+    int refused;             /* number of times that a step would have led away from the probe */
+    int lost, narrow;        /* number of balls that did not join the last one, and that did not reach the proxy's place */
+    int climbed, confirmed;  /* whether the chain of balls was rebuilt; number of further looks at distant planes */
 } pandis__way;
 
-/* How far friction and drag let the proxy go to a place `step` away, pressed in by `press`. */
+/* Distance that friction and drag let the proxy move to a place `step` away, if it is pressed in by `press`. */
 static double pandis__rubbed(pandis__contact *c, pandis__way *way, double step, double press) {
     double friction = (c->sticks ? way->sticking : way->sliding) * press;
     if (way->slip < 0) { /* the first call in this step */
@@ -96,20 +96,20 @@ static double pandis__rubbed(pandis__contact *c, pandis__way *way, double step, 
     return fmin(fmax(0, step - friction), way->slip);
 }
 
-/* Where to go next towards the probe: the point in front of all planes that is nearest to it, as far as friction lets
- * the proxy go. Returns how far that is. */
+/* Find the next target: the point in front of all planes that is nearest to the probe, as far as friction lets the proxy
+ * go. Returns its distance. */
 static double pandis__aim(pandis__proxy *p, pandis__way *way, const double *probe, double *target) {
     way->active = pandis__nearest_in_front(p->plane, p->count, probe, way->goal);
     double wanted = pandis__between(way->goal, p->x), step = wanted;
     way->held = way->arriving = way->rubs = 0;
-    double reach = 1; /* share of the way to the probe at which the first plane is met */
+    double reach = 1; /* share of the path to the probe at which the first plane is met */
     for (int i = 0, touches = 0; i < p->count; i++) {
         double above = pandis__height(p->plane + i, p->x), below = -pandis__height(p->plane + i, probe);
         touches |= above <= PANDIS__ABOVE;
         way->arriving = way->active && !touches;
         if (below > 0 && above > 0) reach = fmin(reach, above / (above + below));
     }
-    if (way->active && way->arriving) { /* no friction before it has arrived */
+    if (way->active && way->arriving) { /* no friction before the proxy has arrived */
         for (int k = 0; k < 3; k++) target[k] = p->x[k] + reach * (probe[k] - p->x[k]);
         return pandis__between(target, p->x);
     }
@@ -119,7 +119,7 @@ static double pandis__aim(pandis__proxy *p, pandis__way *way, const double *prob
         int count = 0, which[PANDIS__PLANES];
         for (int i = 0; i < p->count; i++)
             if (pandis__height(p->plane + i, p->x) <= PANDIS__ABOVE) which[count] = i, touched[count++] = p->plane[i];
-        if (count < p->count) { /* it rubs only on what it touches */
+        if (count < p->count) { /* only planes that the proxy touches cause friction */
             int rubs = pandis__nearest_in_front(touched, count, probe, place);
             for (int i = 0; i < count; i++) way->rubs |= (rubs >> i & 1) << which[i];
             double far = pandis__between(place, p->x), free = pandis__rubbed(p->state, way, far, pandis__between(place, probe));
@@ -147,7 +147,7 @@ static void pandis__arrive(pandis__proxy *p, pandis__way *way, const double *pla
 /* Move towards a place beyond the known free space: to the rim of the ball, from where the next look is taken. */
 static int pandis__go_on(pandis__proxy *p, pandis__way *way, const double *at, const double *target) {
     pandis__look look;
-    if (way->active && !way->arriving) { /* it lies on the surface, and stays there */
+    if (way->active && !way->arriving) { /* the proxy is on the surface, and stays there */
         way->held = way->stuck = 1;
         return 1;
     }
@@ -172,7 +172,7 @@ static int pandis__go_on(pandis__proxy *p, pandis__way *way, const double *at, c
     return 1;
 }
 
-/* Start over from the surface at the proxy, which comes out if it has sunk in by less than a sliver. 0: no answer. */
+/* Start over from the surface at the proxy, which is moved out if it has sunk in by less than a sliver. 0: no answer. */
 static int pandis__emerge(pandis__proxy *p) {
     pandis__look look;
     if (!pandis__look_at(p, p->x, &look)) return 0;
@@ -182,8 +182,8 @@ static int pandis__emerge(pandis__proxy *p) {
     return 1;
 }
 
-/* Put the proxy in front of all planes that it is behind by at most a sliver. Planes that it is farther behind are
- * dropped: the proxy is free, so they lie beyond an edge. */
+/* Move the proxy in front of the planes that it is behind by at most a sliver. Planes that it is farther behind are
+ * dropped: the proxy is free, so they are beyond an edge. */
 static void pandis__come_out(pandis__proxy *p) {
     double place[3], behind = 0;
     for (int i = p->count - 1; i >= 0; i--) {
@@ -205,14 +205,14 @@ static int pandis__hop(pandis__proxy *p, pandis__way *way, const double *probe, 
     if (step > most)
         for (int k = 0; k < 3; k++) target[k] = p->x[k] + most / step * (target[k] - p->x[k]);
     double over = pandis__between(target, p->ball) - p->ball[3], height = 0;
-    int closely = !p->flat || c->close; /* at the place itself, not from above */
+    int closely = !p->flat || c->close; /* look at the place itself, not from above */
     int looked = !closely || over > 0.25 * c->lift;
     if (looked) {
         pandis__lifted(p, target, NULL, c->lift, at);
         if (!pandis__look_at(p, at, &look)) return 0;
         int joined = look.free > 0 && pandis__between(at, p->ball) <= (p->ball[3] + look.free) * (1 + 1e-9);
         if (!joined && way->active && (!p->flat || pandis__unknown(p, &look)) && way->lost++ < 2) { /* an unknown wall, or one forgotten since */
-            double before = 0; /* the ball has to lie in front of it: else it is a wall's other side */
+            double before = 0; /* the ball must be in front of the foot: else that is a wall's other side */
             for (int k = 0; k < 3; k++) before += (p->ball[k] - look.foot[k]) * look.normal[k];
             if (before < 0.5 * p->ball[3] && !pandis__look_at(p, p->x, &look)) return 0;
             pandis__learn(p, &look, p->x, 0);
@@ -233,7 +233,7 @@ static int pandis__hop(pandis__proxy *p, pandis__way *way, const double *probe, 
             return 1;
         }
         pandis__take_ball(p, &look);
-        height = look.free - pandis__between(target, at); /* of the target, at least */
+        height = look.free - pandis__between(target, at); /* lower bound for the target */
     }
     if (!closely && height < -PANDIS__SLIVER) { /* in an edge: the ball does not reach into it */
         pandis__learn(p, &look, target, height);
@@ -244,7 +244,7 @@ static int pandis__hop(pandis__proxy *p, pandis__way *way, const double *probe, 
     }
     if (closely && height < PANDIS__HOVER) {
         if (!pandis__look_at(p, target, &near)) return 0;
-        if (near.distance < -PANDIS__HOVER) { /* not what was expected there */
+        if (near.distance < -PANDIS__HOVER) { /* deeper than expected */
             way->shrink *= 0.3;
             return way->active && way->shrink > 1e-3 ? 1 : pandis__go_on(p, way, target, target);
         }
@@ -256,7 +256,7 @@ static int pandis__hop(pandis__proxy *p, pandis__way *way, const double *probe, 
     pandis__nearest_in_front(p->plane, p->count, target, place);
     if (pandis__between(place, p->x) > PANDIS__SMALL && way->active &&
         pandis__between(place, probe) > pandis__between(p->x, probe) * (1 + 1e-9) + PANDIS__SMALL) {
-        if (look.at[0] == look.at[0] && way->refused < 2) { /* another wall, which changes where it goes */
+        if (look.at[0] == look.at[0] && way->refused < 2) { /* another wall, which changes the goal */
             way->refused++;
             return 1;
         }
@@ -279,7 +279,7 @@ static int pandis__hop(pandis__proxy *p, pandis__way *way, const double *probe, 
 }
 
 /* Look again at a plane, from where it is nearer than the other planes that hold the proxy. Returns whether it changed,
- * -1 if there was no answer. `height` is a lower bound of the proxy's, where distances give one. */
+ * -1 if there was no answer. `height` becomes a lower bound of the proxy's height, if there is one. */
 static int pandis__look_again(pandis__proxy *p, const pandis__plane *plane, double lift, double *height) {
     const pandis__plane held = *plane;
     pandis__look look;
@@ -298,7 +298,7 @@ static int pandis__look_again(pandis__proxy *p, const pandis__plane *plane, doub
 }
 
 /* Look again at planes that hold the proxy. If it rests, look at all of them: on a curved surface an old one may no
- * longer apply. Also check whether it has sunk into an unknown wall. On its way, look only at those seen from far.
+ * longer apply. Also check whether it has sunk into an unknown wall. If it moves, look only at those seen from far.
  * Returns how many changed, -1 if there was no answer. */
 static int pandis__confirm(pandis__proxy *p, const pandis__way *way, int rests) {
     pandis__plane held[PANDIS__PLANES];
@@ -317,7 +317,7 @@ static int pandis__confirm(pandis__proxy *p, const pandis__way *way, int rests) 
         pandis__look look;
         if (!pandis__look_at(p, p->x, &look)) return -1;
         if (look.distance < -p->blur) changed = 1, pandis__learn(p, &look, p->x, look.distance);
-        else if (look.distance > fmax(p->blur, PANDIS__ABOVE)) { /* it does not touch what holds it */
+        else if (look.distance > fmax(p->blur, PANDIS__ABOVE)) { /* the proxy does not touch the planes that hold it */
             changed = 1, p->count = 0;
             pandis__learn(p, &look, p->x, 0);
         }
@@ -329,12 +329,12 @@ static int pandis__confirm(pandis__proxy *p, const pandis__way *way, int rests) 
 static int pandis__follow(pandis__proxy *p, pandis__way *way, const double *probe) {
     pandis__contact *c = p->state;
     double target[3];
-    if (pandis__between(probe, p->ball) < p->ball[4]) { /* known to be free, whatever planes say */
+    if (pandis__between(probe, p->ball) < p->ball[4]) { /* known to be free, whatever the planes indicate */
         memcpy(p->x, probe, 3 * sizeof *probe);
         return 1;
     }
     if (c->state == PANDIS__TOUCHES && p->ball[3] < c->lift / 16 && !pandis__widen(p)) return 0;
-    /* queries after which a short remainder is left to the next step: more if the last steps came no further */
+    /* queries after which a short remainder is left to the next step: more if the last steps made no progress */
     const int soon = p->queries + 2 + 4 * c->stalled;
     const double before[3] = {p->x[0], p->x[1], p->x[2]};
     /* each turn queries the field or ends the step; the bound is a safeguard */
@@ -349,7 +349,7 @@ static int pandis__follow(pandis__proxy *p, pandis__way *way, const double *prob
             c->settled = changed ? c->settled + 1 : 9;
             continue;
         }
-        double small = fmin(PANDIS__HOVER / 8, 1.9 * p->ball[3]); /* what one hop does, even in a groove */
+        double small = fmin(PANDIS__HOVER / 8, 1.9 * p->ball[3]); /* length of a hop, even in a groove */
         if (p->queries >= c->options.budget || (way->active && p->queries >= soon && step < small)) {
             way->held |= p->queries >= c->options.budget;
             c->stalled = pandis__between(p->x, before) > PANDIS__SMALL ? 0 : c->stalled < 5 ? c->stalled + 1 : 5;

@@ -4,7 +4,7 @@
 #if defined(__GNUC__) || defined(_MSC_VER)
 #define PANDIS__NEW 4
 
-/* Exchange a number atomically; returns the old one. Whoever reads the number sees what was written before it. */
+/* Exchange a number atomically; returns the old one. A thread that reads the number also sees all earlier writes. */
 static int32_t pandis__exchange(volatile int32_t *where, int32_t number) {
 #if defined(__GNUC__)
     return __atomic_exchange_n(where, number, __ATOMIC_ACQ_REL);

@@ -21,7 +21,7 @@ static const double *pandis__corner(const pandis__mesh *t, int32_t face, int k) 
     return t->vertices + 3 * (ptrdiff_t)t->faces[3 * (ptrdiff_t)face + k];
 }
 
-/* The unit normal of a face; from its two shortest edges, whose product is the most exact. */
+/* Compute the unit normal of a face from its two shortest edges, whose cross product is the most accurate. */
 static int pandis__face_normal(const pandis__mesh *t, int32_t face, double *n) {
     double side[3][3], length[3];
     for (int k = 0; k < 3; k++) {
@@ -49,7 +49,7 @@ static void pandis__edge_foot(const double *p, const double *a, const double *b,
     *s = t, *squared = pandis__dot(offset, offset);
 }
 
-/* The closest point on a triangle's edges, and the corner or edge that holds it. Returns its squared distance. */
+/* Find the closest point on a triangle's edges, and its corner or edge. Returns the squared distance. */
 static double pandis__rim_foot(const double *const *c, const double *p, pandis__foot *foot) {
     double best = (double)INFINITY;
     memset(foot, 0, sizeof *foot);
@@ -67,7 +67,7 @@ static double pandis__rim_foot(const double *const *c, const double *p, pandis__
     return best;
 }
 
-/* The same inside the triangle; returns whether it is there and no farther than `best` (squared). */
+/* Find the closest point inside the triangle; returns whether there is one no farther than `best` (squared). */
 static int pandis__inner_foot(const double *const *c, const double *p, double best, pandis__foot *foot) {
     double u[3], v[3], x[3], n[3];
     for (int k = 0; k < 3; k++) u[k] = c[1][k] - c[0][k], v[k] = c[2][k] - c[0][k], x[k] = p[k] - c[0][k];
@@ -76,7 +76,7 @@ static int pandis__inner_foot(const double *const *c, const double *p, double be
     if (!(det > 0)) return 0;
     double uu = pandis__dot(u, u), uv = pandis__dot(u, v), vv = pandis__dot(v, v), s = 0, r = 0, rest[3];
     memcpy(rest, x, sizeof rest);
-    for (int round = 0; round < 2; round++) { /* the second round mends needles */
+    for (int round = 0; round < 2; round++) { /* the second round refines the result on needles */
         double du = pandis__dot(u, rest), dv = pandis__dot(v, rest);
         s += (vv * du - uv * dv) / det, r += (uu * dv - uv * du) / det;
         for (int k = 0; k < 3; k++) rest[k] = x[k] - s * u[k] - r * v[k];
@@ -97,7 +97,7 @@ static void pandis__find_foot(const double *const *c, const double *p, pandis__f
     foot->distance = sqrt(pandis__dot(foot->offset, foot->offset));
 }
 
-/* Keep the feature that the closest point is on. */
+/* Store the feature that contains the closest point. */
 static void pandis__keep_feature(const double *const *c, const pandis__foot *foot, pandis__start *begin) {
     begin->round = foot->corner >= 0 || foot->edge >= 0;
     if (foot->edge < 0) return;
@@ -122,7 +122,7 @@ static void pandis__corner_normal(const pandis__mesh *t, int32_t face, int k, co
     for (int i = 0; i < 3; i++) sum[i] += angle * n[i];
 }
 
-/* The normal of a vertex; if the mesh moves, from its current faces. */
+/* Compute the normal of a vertex; if the mesh moves, from its current faces. */
 static void pandis__vertex_normal(const pandis__mesh *t, int32_t vertex, double *n) {
     if (!t->around) {
         memcpy(n, t->vertex_normals + 3 * (ptrdiff_t)vertex, 3 * sizeof *n);
@@ -137,7 +137,7 @@ static void pandis__vertex_normal(const pandis__mesh *t, int32_t vertex, double 
     (void)pandis__normalise(n);
 }
 
-/* The angle-weighted pseudonormal of what the closest point lies on; unit length. */
+/* Compute the angle-weighted pseudonormal, of unit length, of the feature that contains the closest point. */
 static void pandis__pseudonormal(const pandis__mesh *t, int32_t face, const pandis__foot *foot, double *n) {
     if (foot->corner >= 0) {
         pandis__vertex_normal(t, t->faces[3 * (ptrdiff_t)face + foot->corner], n);
@@ -153,8 +153,8 @@ static void pandis__pseudonormal(const pandis__mesh *t, int32_t face, const pand
     if (!known) n[0] = n[1] = 0, n[2] = 1;
 }
 
-/* The side that a point is on: -1 inside. Beyond all vertices it is outside: very far
- * away all triangles are equally near, and their normals tell nothing. */
+/* Whether no coordinate of a point exceeds the largest of the vertices. Beyond, the point is outside: very far
+ * away all triangles are equally near, and their normals do not determine the side. */
 static int pandis__within(const pandis__mesh *t, const double *p) {
     return fabs(p[0]) <= t->reach && fabs(p[1]) <= t->reach && fabs(p[2]) <= t->reach;
 }

@@ -1,7 +1,7 @@
 
 /* ---------------------------------------------------------------- the nearest face of a mesh
  *
- * Leaves find candidates for the nearest face in single precision; double precision decides. */
+ * Candidates for the nearest face are found in single precision, by leaves; double precision decides. */
 
 /* The keys of a node's boxes: lower bounds of the squared distances to their contents. */
 PANDIS__INLINE void pandis__box_keys(const pandis__node *PANDIS__RESTRICT n, const float *PANDIS__RESTRICT p,
@@ -29,8 +29,8 @@ static int32_t pandis__limit_key(double limit) {
 
 #define PANDIS__FOUR 4
 
-/* The squared distances to four faces, in double precision. Among faces about equally near, the least of these numbers
- * decides. */
+/* Compute the squared distances to four faces in double precision. Among faces that are about equally near, the smallest
+ * of these numbers decides. */
 PANDIS__INLINE void pandis__four_squared(const pandis__mesh *t, const int32_t *faces, const double *PANDIS__RESTRICT p,
                                  double *PANDIS__RESTRICT out) {
     double a[3][PANDIS__FOUR], b[3][PANDIS__FOUR], c[3][PANDIS__FOUR];
@@ -50,7 +50,7 @@ PANDIS__INLINE void pandis__four_squared(const pandis__mesh *t, const int32_t *f
         double wx = vx - ux, wy = vy - uy, wz = vz - uz, bx = x - ux, by = y - uy, bz = z - uz;
         double nx = uy * vz - uz * vy, ny = uz * vx - ux * vz, nz = ux * vy - uy * vx;
         double det = nx * nx + ny * ny + nz * nz;
-        /* an edge without length gives 0 / 0, NaN, which counts as 0; a face without area, as outside of it */
+        /* an edge without length gives 0 / 0 = NaN, which counts as 0; with a face without area, the foot counts as outside */
         double s = pandis__clamp01(du * (1 / uu)), r = pandis__clamp01(dv * (1 / vv));
         double rx = x - s * ux, ry = y - s * uy, rz = z - s * uz;
         double best = rx * rx + ry * ry + rz * rz;
@@ -70,7 +70,7 @@ PANDIS__INLINE void pandis__four_squared(const pandis__mesh *t, const int32_t *f
     }
 }
 
-#define PANDIS__MAYBE 12 /* faces that can wait to be computed in double precision */
+#define PANDIS__MAYBE 12 /* capacity of the queue of faces for double precision */
 
 /* State of a search for the nearest face: an upper bound of its distance; the nearest face computed in double precision,
  * and its squared distance; how many nodes, leaves and faces may still be visited; the key of the nearest box that was
@@ -86,13 +86,13 @@ typedef struct {
     } maybe[PANDIS__MAYBE];
 } pandis__seeking;
 
-/* How far a face within a limit can seem to be, squared. */
+/* Largest squared distance in single precision of a face within a limit. */
 static double pandis__may_seem(double limit, const float *slack) {
     double most = (limit + (double)slack[0]) * (1 + 2 * (double)slack[1]);
     return most * most * (1 + 1e-6);
 }
 
-/* Compute the waiting faces. */
+/* Compute the distances to the waiting faces in double precision. */
 PANDIS__INLINE void pandis__settle(const pandis__mesh *t, const double *p, pandis__seeking *s) {
     double squared[PANDIS__FOUR];
     int32_t faces[PANDIS__FOUR];
@@ -129,8 +129,8 @@ PANDIS__APART static void pandis__moved_triangles(const pandis__mesh *t, ptrdiff
         }
 }
 
-/* Squared distances to the triangles of a leaf in single precision, and their error bounds. Returns the least. Zeros, and
- * -1 as the least, where single precision cannot hold squares. */
+/* Compute squared distances to the triangles of a leaf in single precision, and their error bounds. Returns the smallest.
+ * If single precision cannot represent the squares, they are zeros, and -1 is returned. */
 PANDIS__INLINE double pandis__seem(const pandis__mesh *t, const pandis__leaf *leaf, const double *p, double *seems, float *slack) {
     float v[3][3][PANDIS__WIDTH], q[3] = {0, 0, 0}, d[PANDIS__WIDTH] = {0};
     double step = t->around ? 1 : (double)leaf->step, per_step = 1 / step;
@@ -154,7 +154,7 @@ PANDIS__INLINE double pandis__seem(const pandis__mesh *t, const pandis__leaf *le
     return small ? (double)least * (step * step) : -1;
 }
 
-/* Collect those triangles of a leaf that may be nearest. */
+/* Collect the triangles of a leaf that may be nearest. */
 PANDIS__INLINE void pandis__look_into(const pandis__mesh *t, const pandis__leaf *leaf, const double *p, pandis__seeking *s) {
     double seems[PANDIS__WIDTH], farthest;
     float slack[2];
@@ -172,7 +172,7 @@ PANDIS__INLINE void pandis__look_into(const pandis__mesh *t, const pandis__leaf 
     }
 }
 
-/* Descend depth-first, the nearest box first; for most points that soon finds the nearest face. */
+/* Descend depth-first, the nearest box first; for most points this finds the nearest face early. */
 PANDIS__INLINE void pandis__seek_depth_body(const pandis__mesh *t, const double *p, pandis__seeking *s) {
     struct {
         int32_t keys[PANDIS__WIDTH], node;
@@ -233,8 +233,8 @@ PANDIS__INLINE void pandis__seek_best_body(const pandis__mesh *t, const double *
 
 PANDIS__COMPILE(pandis__seek_best, (const pandis__mesh *t, const double *p, pandis__seeking *s), (t, p, s))
 
-/* The nearest face no farther than `limit`, by its distance in double precision; INT32_MAX if there is none. If the
- * search was cut short, all others are at least `clear` away; else it is infinite. */
+/* Find the nearest face within `limit`, by its distance in double precision; INT32_MAX if there is none. `clear`: if the
+ * search was cut short, the least distance of all other faces; else infinite. */
 static int32_t pandis__nearest(const pandis__mesh *t, const double *p, double limit, double *clear) {
     pandis__seeking s;
     int32_t soon = pandis__soon(t->most);
@@ -262,7 +262,7 @@ static int32_t pandis__nearest(const pandis__mesh *t, const double *p, double li
     return s.face;
 }
 
-/* Which of a node's boxes a segment from a point meets, from some share of it on: a bit each. */
+/* Bit mask of a node's boxes that a segment from a point meets beyond the share `from` of its length. */
 static int pandis__nodes_between(const pandis__node *node, const double *p, const double *way, double from) {
     int met = 0;
     for (int i = 0; i < PANDIS__WIDTH; i++) {
@@ -278,8 +278,8 @@ static int pandis__nodes_between(const pandis__node *node, const double *p, cons
     return met;
 }
 
-/* The side of a point, by the first face on the way to a target: -1 inside. It is clear up to the share `from`. If too
- * many faces are met, the target's own decides. */
+/* Find the side of a point (-1: inside) from the first face on the segment to a target, which is free up to the share
+ * `from`. If the segment meets too many faces, the target's face decides. */
 PANDIS__APART static double pandis__first_sign(const pandis__mesh *t, const double *p, const double *target,
                                                const double *n, double from) {
     int32_t stack[PANDIS__STACK], left = t->most;
@@ -309,7 +309,7 @@ PANDIS__APART static double pandis__first_sign(const pandis__mesh *t, const doub
     return sign;
 }
 
-/* The sign of a point after a search that was cut short: other faces may be nearer, but not than `clear`. */
+/* Find the sign of a point after a search that was cut short: other faces may be nearer, but not nearer than `clear`. */
 static double pandis__cut_sign(const pandis__mesh *t, const double *p, int32_t face, const pandis__foot *foot,
                                double clear) {
     double target[3], n[3]; /* next to the foot, within the face */
@@ -325,8 +325,8 @@ static double pandis__cut_sign(const pandis__mesh *t, const double *p, int32_t f
 PANDIS__APART static pandis_flag pandis__answer_mesh(const pandis__mesh *t, const double *u, pandis__start *begin,
                                              double *distance, double *normal, double *clear) {
     pandis__foot foot;
-    double limit = begin->guess * (1 + 1e-9) + 1e-12 * t->reach; /* with room for rounding */
-    /* a reach, with room for what leaves lose on slivers */
+    double limit = begin->guess * (1 + 1e-9) + 1e-12 * t->reach; /* with a margin for rounding */
+    /* a reach, with a margin for the errors of leaves on slivers */
     int beyond = begin->reach < 1e18 && begin->reach < limit;
     if (beyond) limit = begin->reach * (1 + 1e-6) + 1e-5 * t->reach;
     int32_t face = pandis__nearest(t, u, limit, clear);

@@ -1,13 +1,13 @@
 /* ---------------------------------------------------------------- networks */
 
-/* A network is as fast as its weights arrive: prefetch the next rows while these are used. */
+/* Reading the weights limits the speed of a network: prefetch the next rows while these are used. */
 #if PANDIS__VECTOR > 1
 #define PANDIS__FETCH(p) __builtin_prefetch(p)
 #else
 #define PANDIS__FETCH(p) ((void)(p))
 #endif
 
-/* Each of the following, for 32-bit and 16-bit weights. */
+/* Define a function for 32-bit and for 16-bit weights. */
 #define PANDIS__KINDS(make)                                                                                      \
     PANDIS__TWICE(make(pandis__load, float, f_plain, static) make(pandis__load16, int16_t, h_plain, static),     \
                   make(pandis__load, float, f_wide, PANDIS__WIDE static)                                         \
@@ -33,7 +33,7 @@
     }
 PANDIS__KINDS(PANDIS__ADD)
 
-/* The same for four points, whose h and out lie `stride` apart: sums stay in registers, and each weight is read once
+/* The same for four points, whose h and out are `stride` apart: sums stay in registers, and each weight is read once
  * for all four. The order of additions is the same as above. */
 #define PANDIS__ADD_FOUR(load, type, tail, how)                                                                  \
     how void pandis__add_four_##tail(const type *w, const float *h, int rows, int stride, float *out) {          \
@@ -115,7 +115,7 @@ PANDIS__KINDS(PANDIS__DOT)
     }
 PANDIS__KINDS(PANDIS__DOT_FOUR)
 
-/* One of the above, for one point or for four. */
+/* Call one of the above, for one point or for four. */
 #define PANDIS__EITHER(load, type, tail, how)                                                                    \
     how void pandis__sums_##tail(const type *w, const float *h, int rows, int stride, float *out, int count) {   \
         if (count == 4)                                                                                          \
@@ -134,17 +134,17 @@ PANDIS__KINDS(PANDIS__EITHER)
 
 #define PANDIS__ROOM (PANDIS__ROWS * (PANDIS_MOST_DEPTH + 2))
 
-/* Rows of numbers that a network needs for a point: a layer's input, its output, and slopes (of every layer if the normal
- * is the gradient). */
+/* Number of rows of memory that a network needs per point: a layer's input, its output, and slopes (of every layer if the
+ * normal is the gradient). */
 static int pandis__rows(const pandis__network *n) { return n->outputs == 1 ? n->depth + 2 : 3; }
 
-/* Whether four points at a time fit into the room of one with the largest network. */
+/* Whether four points at a time fit into the memory that one point of the largest network needs. */
 static int pandis__fits_four(const pandis__network *n) {
     return 4 * (ptrdiff_t)n->stride * pandis__rows(n) <= PANDIS__ROOM;
 }
 
-/* x -> sin(W x + b) ... -> phi and psi, or phi and its gradient; w0 is folded into W and b. For one point, or
- * for four with one reading of the weights: answers are the same. Without normals (NULL) no gradient is
+/* Evaluate x -> sin(W x + b) ... -> phi and psi, or phi and its gradient; w0 is folded into W and b. Four points
+ * share one pass over the weights; the answers are the same as for one. If normals are NULL, no gradient is
  * computed. */
 PANDIS__INLINE void pandis__answer_network_body(const pandis__network *n, int count, double (*u)[3], double *distance,
                                                 double (*normal)[3], pandis_flag *flag) {

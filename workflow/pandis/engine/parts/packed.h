@@ -1,19 +1,19 @@
 /* ---------------------------------------------------------------- closest points of a packed mesh
  *
- * The mesh's vertices lie on a lattice. Its faces come in blocks of up to 64, each with corners of its
- * own in as few bits as it needs, and eight boxes around eight faces each; a tree of eight-wide branches
+ * The mesh's vertices lie on a lattice. Its faces are stored in blocks of up to 64. Each block
+ * has separate corners, in as few bits as possible, and eight boxes around eight faces each; a tree of eight-wide branches
  * leads to the blocks. The nearest face is found in single precision, relative to the block; its closest
  * point and the answer are then computed in double.
  *
  * The side of a point whose closest point lies on an edge or a corner: all points with that closest point
  * form a convex cone that the surface does not enter, so they are on the same side. Two bits store it, and no
- * neighbour is needed. Where faces around are nearly coplanar, and inside faces, the face itself tells. Where
- * the lattice has folded the surface over itself no face does: there crossings of a ray are counted. */
+ * neighbour is needed. Where faces around are nearly coplanar, and inside faces, the face itself determines the
+ * side. Where the lattice has folded the surface over itself no face does: there ray crossings are counted. */
 
 enum { PANDIS__BY_FACE, PANDIS__OUTSIDE, PANDIS__INSIDE, PANDIS__BY_RAY };
 
 typedef struct {
-    const unsigned char *boxes, *faces, *words, *sides; /* sides: NULL if every face tells its own */
+    const unsigned char *boxes, *faces, *words, *sides; /* sides: NULL if every face determines the side */
     int32_t origin[3];
     int face_count, groups, corner_count, bits[3], stride; /* stride: bytes of a corner's word */
     int shift[3]; /* of its boxes */
@@ -55,7 +55,7 @@ PANDIS__INLINE uint64_t pandis__word(const pandis__packed *b, int corner) {
     return word;
 }
 
-/* Where the corners of eight faces lie, relative to the block's origin: (3 corners, 3 axes, 8). */
+/* Read the corners of eight faces, relative to the block's origin: (3 corners, 3 axes, 8). */
 PANDIS__INLINE void pandis__group_corners(const pandis__packed *b, int group, float (*out)[3][PANDIS__WIDTH]) {
     const unsigned char *faces = b->faces + PANDIS__GROUP_BYTES * group;
     uint32_t xy[PANDIS__WIDTH], z[PANDIS__WIDTH], mask[3];

@@ -1,7 +1,7 @@
 /* ---------------------------------------------------------------- planes that a proxy touches */
 
-#define PANDIS__KEPT 8   /* planes kept between steps: all walls of a corner, as the probe decides which three hold the proxy */
-#define PANDIS__PLANES 9 /* and the one of the last look */
+#define PANDIS__KEPT 8   /* planes kept between steps: all walls of a corner, since any three may hold the proxy */
+#define PANDIS__PLANES 9 /* plus the plane of the last look */
 
 /* A piece of the surface near a proxy, taken as flat: free space is where normal . x >= offset (unit frame). */
 typedef struct {
@@ -10,8 +10,8 @@ typedef struct {
 
 static double pandis__height(const pandis__plane *p, const double *x) { return pandis__dot(p->normal, x) - p->offset; }
 
-/* The point on two or three planes that is nearest to a goal, if it is also the nearest one in front of them: each plane
- * has to push. 0 if one does not, or if they are nearly parallel. */
+/* Find the point on two or three planes that is nearest to a goal, if it is also the nearest one in front of them: each
+ * plane must push. Returns 0 if one does not, or if they are nearly parallel. */
 static int pandis__onto(const pandis__plane *planes, const int *which, int count, const double *under, const double *goal,
                         double *y) {
     const double *a = planes[which[0]].normal, *b = planes[which[1]].normal;
@@ -38,7 +38,7 @@ static int pandis__onto(const pandis__plane *planes, const int *which, int count
     return 1;
 }
 
-/* Whether a set of planes gives the point: the goal is behind one of them, and the point is in front of all others.
+/* Whether a set of planes determines the point: the goal is behind one of them, and the point is in front of all others.
  * Returns a bit for each, or 0. */
 static int pandis__gives(const pandis__plane *planes, int count, const int *which, int size, const double *under, int behind,
                          const double *goal, double *y) {
@@ -54,8 +54,8 @@ static int pandis__gives(const pandis__plane *planes, int count, const int *whic
     return set;
 }
 
-/* The point nearest to a goal in front of all planes; returns which of them hold it back, a bit for each. If no point is
- * in front of all planes, the last one, which is the newest, decides. */
+/* Find the point nearest to a goal in front of all planes; returns a bit mask of the planes that hold it back. If no point
+ * is in front of all planes, the last plane, which is the newest, decides. */
 static int pandis__nearest_in_front(const pandis__plane *planes, int count, const double *goal, double *y) {
     double under[PANDIS__PLANES];
     int set, behind = 0;

@@ -24,7 +24,7 @@ static void pandis__unit_turn(double *q) {
     for (int k = 0; k < 4; k++) q[k] /= length;
 }
 
-/* The turn p after the turn q. */
+/* Compose two rotations: first q, then p. */
 static void pandis__turn_by(const double *p, const double *q, double *both) {
     both[0] = p[0] * q[0] - p[1] * q[1] - p[2] * q[2] - p[3] * q[3];
     both[1] = p[0] * q[1] + p[1] * q[0] + p[2] * q[3] - p[3] * q[2];
@@ -32,8 +32,8 @@ static void pandis__turn_by(const double *p, const double *q, double *both) {
     both[3] = p[0] * q[3] + p[1] * q[2] - p[2] * q[1] + p[3] * q[0];
 }
 
-/* The rotation by a spin in `dt` seconds, at most half a turn, from a series for a sixteenth of it: sines of libraries
- * differ in their last bits. */
+/* Compute the rotation by a spin in `dt` seconds, at most half a turn, from a series for a sixteenth of it: the sines of
+ * libraries differ in their last bits. */
 static void pandis__spun(const double *spin, double dt, double *q) {
     double half[3], whole[4];
     for (int k = 0; k < 3; k++) half[k] = spin[k] * dt / 32;
@@ -56,7 +56,7 @@ static void pandis__turned(const double *q, double *r) {
     memcpy(r, made, sizeof made);
 }
 
-/* The way that an object is on: quaternion and translation of both its ends. */
+/* The current path of an object: quaternion and translation at both ends. */
 static double *pandis__way_of(const pandis__poses *poses, size_t object) { return poses->ways + 14 * object; }
 
 PANDIS__ONCE PANDIS_API pandis_error pandis_poses_open(pandis_poses *handle, pandis_object *objects, size_t count, double *room,
@@ -102,13 +102,13 @@ PANDIS_API pandis_error pandis_poses_give(pandis_poses *handle, const pandis_pos
     return PANDIS_SUCCESS;
 }
 
-/* Begin the way from where an object is to where it will be, by its velocity, when the next frame comes. */
+/* Begin a path from an object's current pose to the one that its velocity predicts for the next frame. */
 static void pandis__set_out(const pandis__poses *poses, size_t object) {
     const pandis_pose *pose = poses->frames + (size_t)poses->asking * poses->count + object;
     double *from = pandis__way_of(poses, object), *to = from + 7, given[4], spun[4];
     double share = poses->period > 0 ? poses->gone / poses->period : 1, same = 0;
     for (int k = 0; k < 7; k++) from[k] = share < 1 ? from[k] + share * (to[k] - from[k]) : to[k];
-    if (share < 1) pandis__unit_turn(from); /* what has arrived stays as it is, to the last bit */
+    if (share < 1) pandis__unit_turn(from); /* after arrival the pose stays the same, to the last bit */
     pandis__turn(pose->rotation, given);
     pandis__spun(pose->spin, poses->periods[poses->asking], spun);
     pandis__turn_by(spun, given, to);

@@ -1,18 +1,18 @@
-/* ---------------------------------------------------------------- a proxy: what it knows of the surface near it
+/* ---------------------------------------------------------------- a proxy, and the known surface near it
  *
  * Everything is in the object's unit frame. The proxy is a point; a probe of radius r offsets the surface by r. The known
  * free space is a ball around a point a little above the proxy, as large as the distance there. The proxy goes from ball
- * to ball. Each overlaps the one before, so no surface lies on its way. The surface is known as planes, each through the
- * foot of a point that was looked at. */
+ * to ball. Each overlaps the one before, so no surface is on its path. The surface is represented by planes, each through
+ * the foot of a point that was looked at. */
 
-#define PANDIS__HOVER 0.004       /* height above the surface to look at it from */
-#define PANDIS__FARTHEST 2       /* lifts: a look at a place is taken from no farther away */
-#define PANDIS__STALE 4          /* lifts: planes whose foot is farther away are forgotten */
-#define PANDIS__ALIKE 0.99       /* cosine of the angle below which two planes are nearly one */
-#define PANDIS__BEHIND 1e-8      /* a surface in front of a plane is no farther behind it */
+#define PANDIS__HOVER 0.004       /* height from which the surface is looked at */
+#define PANDIS__FARTHEST 2       /* largest distance from which a place is looked at, in lifts */
+#define PANDIS__STALE 4          /* distance of the foot from which a plane is forgotten, in lifts */
+#define PANDIS__ALIKE 0.99       /* cosine of the angle below which two planes count as nearly equal */
+#define PANDIS__BEHIND 1e-8      /* a surface no farther behind a plane than this counts as in front of it */
 #define PANDIS__TRUSTED 0.8      /* free share of an approximate distance to the felt surface */
-#define PANDIS__LEAST_SHARE 0.25 /* likewise, of one that is flagged as a bound */
-#define PANDIS__GUESSED 0.05     /* how much too large a distance may be if the file does not say */
+#define PANDIS__LEAST_SHARE 0.25 /* likewise, of a distance that is flagged as a bound */
+#define PANDIS__GUESSED 0.05     /* assumed excess of a distance if the file does not state it */
 
 enum { PANDIS__BEGINS, PANDIS__CLEAR, PANDIS__TOUCHES };
 
@@ -21,10 +21,10 @@ typedef struct {
     pandis__contact *state;
     const pandis_field *field;
     double radius;            /* offset of the walls from the surface; less where the probe began nearer */
-    double tolerance;         /* by which planes are compared */
+    double tolerance;         /* for comparing planes */
     double blur;              /* a surface this near, or this little behind a plane, is ignored */
-    int exact;                /* its distances are those of a surface, not of an approximation */
-    int flat;                 /* and that surface is the one that is felt */
+    int exact;                /* the field's distances are exact, not approximate */
+    int flat;                 /* and that surface is the one felt */
     int queries, count;
     pandis_flag flag;
     pandis__plane plane[PANDIS__PLANES];
@@ -43,7 +43,7 @@ static int pandis__knows_distance(const pandis_field *f) {
 }
 
 /* Apply a texture to the result of a look. The distance becomes that to the tangent plane of the raised surface below the
- * point, the normal becomes that of this plane, and less is free. */
+ * point, the normal becomes that of this plane, and the free radius shrinks. */
 static void pandis__roughen(const pandis__proxy *p, const double *at, pandis_answer *answer, double *distance,
                             double *free, double *sure) {
     const pandis_texture *t = p->state->options.texture;
@@ -61,8 +61,8 @@ static void pandis__roughen(const pandis__proxy *p, const double *at, pandis_ans
     *free = fmin(*free, (*free - raised) / sqrt(1 + 4 * t->steepest * t->steepest)), *sure -= t->most * f->scale;
 }
 
-/* Lower bound of the distance to a network's surface from a place beyond its box. The surface lies in the box, and it is
- * at least a share of the network's distance from the box's nearest place. */
+/* Lower bound of the distance to a network's surface from a place beyond its box. The surface is inside the box, and at
+ * least a share of the network's distance away from the nearest point of the box. */
 PANDIS__ONCE static double pandis__free_beyond(const pandis__proxy *p, const double *at, double distance) {
     double way = 0;
     for (int k = 0; k < 3; k++) {
@@ -90,11 +90,11 @@ static int pandis__look_at(pandis__proxy *p, const double *at, pandis__look *loo
     } else if (answer.flag == PANDIS_OK) {
         sure = distance - f->margin[0], free = fmax(PANDIS__TRUSTED * (distance - p->radius) + p->radius, sure);
     } else {
-        /* the margin holds in the box; beyond it only the surface's bounds are known */
+        /* the margin applies in the box; beyond it only the surface's bounds are known */
         int inside = fabs(at[0]) <= 1 && fabs(at[1]) <= 1 && fabs(at[2]) <= 1;
         double guessed = f->margin[1] < 1e300 ? f->margin[1] : PANDIS__GUESSED;
         double away = f->margin[0] < 1e300 ? pandis__clearance(f, at) : -1;
-        /* a lower bound, too: what a spline covers goes this far beyond the surface */
+        /* also a lower bound: a spline covers the space up to this distance from the surface */
         double least = f->kind == PANDIS_SPLINE && distance > 0 ? f->as.spline.outside : PANDIS__LEAST_SHARE * distance;
         sure = inside ? fmax(away, distance - guessed) : away, free = fmin(distance, fmax(least, sure));
         if (inside && distance > 0) free = fmax(free, f->height);
@@ -151,7 +151,7 @@ static void pandis__learn(pandis__proxy *p, const pandis__look *look, const doub
     if (p->count == PANDIS__PLANES) pandis__drop(p, 0);
     p->plane[p->count++] = seen;
     p->state->face = look->face;
-    if (p->field->regions || !p->state->options.regions) p->state->region = look->region; /* else it is asked for once a step */
+    if (p->field->regions || !p->state->options.regions) p->state->region = look->region; /* else it is queried once a step */
 }
 
 static double pandis__between(const double *a, const double *b) {
@@ -159,7 +159,7 @@ static double pandis__between(const double *a, const double *b) {
     return sqrt(pandis__dot(off, off));
 }
 
-/* Where to look from, to see whether the proxy can be at a place: the nearest point that is `lift` above all planes, and
+/* Find the point from which to look whether the proxy can be at a place: the nearest one that is `lift` above all planes, and
  * twice that above planes unlike `nearest`, if it is not NULL. Where planes meet at a sharp angle or face each other, no
  * such point is near: there the lift is reduced. */
 static void pandis__lifted(const pandis__proxy *p, const double *place, const double *nearest, double lift, double *at) {

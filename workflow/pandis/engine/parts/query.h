@@ -16,7 +16,7 @@ PANDIS_API double pandis_longest_side(const pandis_field *field) {
     return field->kind ? PANDIS__LONGEST / field->scale : 0;
 }
 
-/* Put a point into the unit frame; 0 if it is not finite, or too far away. */
+/* Transform a point into the unit frame; returns 0 if it is not finite, or too far away. */
 static int pandis__unit(const pandis_field *field, const double *point, double *u) {
     int finite = 1;
     for (int k = 0; k < 3; k++) {
@@ -82,14 +82,14 @@ PANDIS_API void pandis_query_within(const pandis_field *field, const double poin
     pandis__ask(field, point, &begin, NULL, answer);
 }
 
-/* As pandis_query_from. `cells` is a cache for splines, used with this field only and all zero before its first query;
+/* The same as pandis_query_from. `cells` is a cache for splines, used with this field only and all zero before its first query;
  * NULL: no cache. */
 static void pandis__query_after(const pandis_field *field, const double *point, pandis_hint *hint, pandis__cells *cells,
                                 pandis_answer *answer) {
     pandis__start begin = PANDIS__ANYWHERE;
     double u[3], way[3];
     memcpy(begin.closest, hint->room + 1, sizeof begin.closest);
-    if (hint->room[0] == 1 && pandis__unit(field, point, u)) { /* the closest point before may still be about as near */
+    if (hint->room[0] == 1 && pandis__unit(field, point, u)) { /* the previous closest point may still be about as near */
         for (int k = 0; k < 3; k++) way[k] = u[k] - begin.closest[k];
         double guess = sqrt(pandis__dot(way, way));
         if (guess >= 0) begin.guess = guess;
@@ -123,12 +123,12 @@ PANDIS_API pandis_flag pandis_force(const pandis_field *field, const double poin
     force[0] = force[1] = force[2] = 0;
     if (!(stiffness >= 0 && stiffness <= PANDIS__STIFFEST)) return PANDIS_INVALID;
     pandis_query(field, point, &answer);
-    double push = answer.distance < 0 ? -stiffness * answer.distance : 0; /* not so for NaN */
+    double push = answer.distance < 0 ? -stiffness * answer.distance : 0; /* false for NaN */
     for (int k = 0; k < 3; k++) force[k] = push > 0 ? push * answer.normal[k] : 0;
     return answer.flag;
 }
 
-/* Answer four points with a network, which reads every weight once for them. */
+/* Query four points of a network, reading every weight once. */
 static void pandis__query_four(const pandis_field *field, const double *points, pandis_answer *answers) {
     double u[4][3], d[4], n[4][3];
     int finite[4];

@@ -1,7 +1,7 @@
 /* ---------------------------------------------------------------- meshes that move
  *
- * A refit writes the vertices and the boxes around them, and nothing else: triangles and normals of vertices are
- * computed from the vertices where a query meets them. */
+ * A refit writes only the vertices and the boxes around them: queries compute triangles and vertex normals from the
+ * vertices where they are needed. */
 
 static uint64_t pandis__whole_words(uint64_t bytes) { return (bytes + 7) / 8 * 8; }
 
@@ -18,7 +18,7 @@ PANDIS_API size_t pandis_refit_room(const pandis_field *field) {
     return (size_t)(3 * v * sizeof(double) + n * sizeof(pandis__node) + lists);
 }
 
-/* The box around a leaf, and the error bounds of its distances. */
+/* Compute the box around a leaf, and the error bounds of its distances. */
 static void pandis__refit_leaf(const pandis__mesh *m, int32_t leaf, float pad, float *low, float *high, float *slack) {
     float v[3][3][PANDIS__WIDTH];
     const double *base = m->vertices + 3 * (ptrdiff_t)*pandis__leaf_vertices(m, leaf);
@@ -38,7 +38,7 @@ static void pandis__refit_leaf(const pandis__mesh *m, int32_t leaf, float pad, f
     }
 }
 
-/* The boxes of all nodes, bottom up. */
+/* Compute the boxes of all nodes, bottom up. */
 static void pandis__refit_boxes(const pandis__mesh *m, pandis__node *nodes, float (*slacks)[2]) {
     /* the float box of a point may be off by half a unit in the last place of the coordinates */
     float pad = (float)(m->reach * 4e-7);
@@ -70,7 +70,7 @@ PANDIS__ONCE PANDIS_API pandis_error pandis_refit_open(pandis_field *moving, con
     int32_t *around = (int32_t *)(void *)(nodes + n), *corners_at = around + v + 1;
     memcpy(vertices, m->vertices, 3 * v * sizeof *vertices);
     memcpy(nodes, m->nodes, n * sizeof *nodes);
-    /* the corners on each vertex, in the order of faces in which normals were summed at first */
+    /* the corners at each vertex, in the order of faces in which the original normals were summed */
     memset(around, 0, (v + 1) * sizeof *around);
     for (size_t i = 0; i < 3 * f; i++) around[m->faces[i]]++;
     int32_t before = 0;
@@ -96,7 +96,7 @@ PANDIS__ONCE PANDIS_API pandis_error pandis_refit_open(pandis_field *moving, con
     own->vertices = vertices, own->nodes = nodes, own->around = around, own->corners_at = corners_at;
     own->slacks = (const float(*)[2])slacks;
     own->vertex_normals = NULL;
-    own->most = INT32_MAX; /* no budget is known to suit all its shapes */
+    own->most = INT32_MAX; /* no budget is known that suits all shapes */
     return PANDIS_SUCCESS;
 }
 
@@ -107,7 +107,7 @@ PANDIS_API pandis_error pandis_refit(pandis_field *moving, const double *vertice
     int good = 1;
     for (int k = 0; k < 3; k++)
         for (size_t i = 0; i < count; i++)
-            good &= fabs((vertices[3 * i + (size_t)k] - moving->centre[k]) * moving->scale) <= 1e30; /* not so for NaN */
+            good &= fabs((vertices[3 * i + (size_t)k] - moving->centre[k]) * moving->scale) <= 1e30; /* false for NaN */
     if (!good) return PANDIS_ERROR_VERTEX;
     double *own = (double *)(uintptr_t)m->vertices, most = 0; /* the room is the caller's */
     double low[3], high[3];

@@ -1,6 +1,6 @@
 /* ---------------------------------------------------------------- scenes */
 
-/* A point of the scene in the coordinates of an object's mesh. */
+/* Transform a point of the scene into the coordinates of an object's mesh. */
 static void pandis__enter(const pandis_object *o, const double *point, double *p) {
     double off[3];
     for (int k = 0; k < 3; k++) off[k] = point[k] - o->translation[k];
@@ -8,10 +8,10 @@ static void pandis__enter(const pandis_object *o, const double *point, double *p
         p[k] = (o->rotation[k] * off[0] + o->rotation[3 + k] * off[1] + o->rotation[6 + k] * off[2]) / o->scale;
 }
 
-/* Answer a point given in the mesh's coordinates, and add its push to the force: none outside, or without an answer. */
+/* Query a point in the mesh's coordinates, and add its penalty force: none outside, or without an answer. */
 static void pandis__add_force(const pandis_object *o, const double *p, pandis_answer *answer, double *force) {
     pandis_query(o->field, p, answer);
-    double push = answer->distance < 0 ? -o->stiffness * (answer->distance * o->scale) : 0; /* not so for NaN */
+    double push = answer->distance < 0 ? -o->stiffness * (answer->distance * o->scale) : 0; /* false for NaN */
     if (!(push > 0)) return;
     for (int k = 0; k < 3; k++) {
         const double *row = o->rotation + 3 * k;
@@ -28,7 +28,7 @@ PANDIS_API pandis_flag pandis_object_force(const pandis_object *object, const do
     return answer.flag;
 }
 
-/* Whether a matrix is a rotation to 1e-6, and a translation finite. */
+/* Whether a matrix is a rotation within 1e-6, and a translation finite. */
 static int pandis__places(const double *rotation, const double *translation) {
     double most = 0, across[3];
     for (int i = 0; i < 3; i++) {
@@ -50,7 +50,7 @@ static int pandis__lies(const pandis_object *o) {
 }
 
 /* A scene keeps two balls per object in which it cannot be touched: one for penalty forces, one for contacts, whose
- * proxies may be elsewhere. Centres and squared radii lie in blocks, coordinate by coordinate. */
+ * proxies may be elsewhere. Centres and squared radii are stored in blocks, coordinate by coordinate. */
 enum { PANDIS__OF_FORCES, PANDIS__OF_CONTACTS };
 
 static double *pandis__ball(const pandis__scene *scene, int use, size_t object) {
@@ -63,7 +63,7 @@ static void pandis__keep_ball(double *ball, const double *centre, double radius)
     ball[3 * PANDIS_SCENE_BLOCK] = radius > 0 ? radius * radius : -1;
 }
 
-/* How far from a point (unit frame) nothing can be touched, by the bounds of the surface. */
+/* Distance from a point (unit frame) within which nothing can be touched, by the bounds of the surface. */
 static double pandis__clearance(const pandis_field *f, const double *u) {
     double off[3];
     for (int k = 0; k < 3; k++) {
@@ -74,7 +74,7 @@ static double pandis__clearance(const pandis_field *f, const double *u) {
     return sqrt(pandis__dot(off, off)) - f->margin[0];
 }
 
-/* The worse of two flags: no answer, an estimate, one that may be a little off. */
+/* The worse of two flags, in this order: no answer, an estimate, a search cut short. */
 static pandis_flag pandis__worse(pandis_flag one, pandis_flag other) {
     static const int rank[] = {0, 2, 3, 1, 0}; /* by flag */
     return rank[one] > rank[other] ? one : other;
@@ -107,7 +107,7 @@ static pandis_flag pandis__visit(pandis__scene *scene, size_t index, const doubl
     return flag;
 }
 
-/* Have an object queried at the next point; leave it out if it is invalid. */
+/* Mark an object to be queried at the next point; leave it out if it is invalid. */
 static pandis_error pandis__wake_object(const pandis__scene *scene, size_t object) {
     const double origin[3] = {0};
     int lies = pandis__lies(scene->objects + object);
@@ -140,7 +140,7 @@ PANDIS__ONCE PANDIS_API pandis_error pandis_scene_open(pandis_scene *scene, cons
 
 PANDIS_API size_t pandis_scene_queries(const pandis_scene *scene) { return pandis__scene_in(scene)->queries; }
 
-/* The next object from `from` on that may be touched at a point; the count if there is none. */
+/* Find the next object, from `from` on, that may be touched at a point; the count if there is none. */
 static size_t pandis__next_awake(const pandis__scene *scene, int use, size_t from, const double *point) {
     size_t start = from - from % PANDIS_SCENE_BLOCK;
     for (; start < scene->count; start += PANDIS_SCENE_BLOCK, from = start) {

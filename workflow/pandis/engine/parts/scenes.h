@@ -9,22 +9,22 @@ typedef union {
     unsigned char bytes[256];
 } pandis_scene;
 
-/* Objects that are tested together, and doubles that a scene of `count` objects needs. */
+/* Number of objects that are tested together, and of doubles that a scene of `count` objects requires. */
 #define PANDIS_SCENE_BLOCK 32
 #define PANDIS_SCENE_ROOM(count) \
     (8 * PANDIS_SCENE_BLOCK * (((count) + sizeof(char) * (PANDIS_SCENE_BLOCK - 1)) / PANDIS_SCENE_BLOCK))
 
 /* Begin a scene.
  *
- * objects      count of them, kept by the caller, who may change them between calls: see pandis_scene_moved
- * room         of at least PANDIS_SCENE_ROOM(count) doubles, kept by the caller
- * room_length  doubles in the room
+ * objects      `count` objects, kept by the caller, who may change them between calls: see pandis_scene_moved
+ * room         memory of at least PANDIS_SCENE_ROOM(count) doubles, kept by the caller
+ * room_length  number of doubles in `room`
  *
  * Returns PANDIS_SUCCESS; PANDIS_ERROR_POSE: invalid objects are left out; or PANDIS_ERROR_COUNT: the scene is empty. */
 PANDIS_API pandis_error pandis_scene_open(pandis_scene *scene, const pandis_object *objects, size_t count, double *room,
                                           size_t room_length);
 
-/* [rt] Tell a scene that an object was moved, turned, scaled, reshaped (call pandis_contact_reshaped for its contact, too),
+/* [rt] Notify a scene that an object was moved, turned, scaled, reshaped (call pandis_contact_reshaped for its contact, too),
  * or given another field.
  *
  * object   its index
@@ -33,18 +33,18 @@ PANDIS_API pandis_error pandis_scene_open(pandis_scene *scene, const pandis_obje
  * such object. */
 PANDIS_API pandis_error pandis_scene_moved(pandis_scene *scene, size_t object);
 
-/* [rt] The sum of the penalty forces of all objects, in their order: bit for bit that of pandis_object_force as long as
- * no field's distance is farther off than its file says. It does not affect pandis_scene_touch, in whatever order they
- * are called. Returns the worst flag of the objects queried.
+/* [rt] The sum of the penalty forces of all objects, in their order: bit for bit that of pandis_object_force, provided
+ * that no field's distance error exceeds the bound in its file. It does not affect pandis_scene_touch, whatever the order
+ * of calls. Returns the worst flag of the objects queried.
  *
  * point    scene lengths, at most 1e100 */
 PANDIS_API pandis_flag pandis_scene_force(pandis_scene *scene, const double point[3], double force[3]);
 
 /* Begin a contact for each object.
  *
- * contacts  count of them, kept by the caller
- * options   count of them, copied; NULL: the defaults
- * count     that of the objects, else PANDIS_ERROR_COUNT
+ * contacts  `count` contacts, kept by the caller
+ * options   `count` options, copied; NULL: the defaults
+ * count     number of objects in the scene, else PANDIS_ERROR_COUNT
  *
  * Returns PANDIS_SUCCESS, or the first error of pandis_contact_open: that object is left out until this is called again. */
 PANDIS_API pandis_error pandis_scene_touch_open(pandis_scene *scene, pandis_contact *contacts,
@@ -56,28 +56,28 @@ PANDIS_API pandis_error pandis_scene_touch_open(pandis_scene *scene, pandis_cont
  * position  scene lengths, at most 1e100
  * dt        seconds since the last step, more than 0
  * touches   filled in for objects that are touched or whose proxy is behind; NULL: none
- * most      touches that there is room for
- * touched   how many such objects there are, which may be more than `most`; NULL: not wanted
+ * most      capacity of `touches`
+ * touched   number of such objects, which may exceed `most`; NULL: not wanted
  *
  * Returns the worst flag. */
 PANDIS_API pandis_flag pandis_scene_touch(pandis_scene *scene, const double position[3], double dt, double force[3],
                                           pandis_touch *touches, size_t most, size_t *touched);
 
-/* [rt] Fields that the last pandis_scene_force asked, or queries that the last pandis_scene_touch took. */
+/* [rt] Number of fields queried by the last pandis_scene_force, or of queries made by the last pandis_scene_touch. */
 PANDIS_API size_t pandis_scene_queries(const pandis_scene *scene);
 
 #if defined(__GNUC__) || defined(_MSC_VER)
 /* ---------------------------------------------------------------- objects that a simulation moves
  *
  * A simulation hands frames of poses over to the haptic loop; neither waits. Of three frames one is written, one is
- * followed, and the newest complete one is handed over. In each tick every object moves on without a jump to where it
- * will lie when the next frame is due. If that is late, it waits there. One thread gives, one steps. */
+ * followed, and the newest complete one is handed over. In each tick every object moves, without a jump, towards the
+ * pose predicted for the time when the next frame is due. If the frame is late, it waits there. One thread gives, one steps. */
 
-/* Where an object lies in a frame, and how it moves. */
+/* Pose and velocity of an object in a frame. */
 typedef struct {
     double rotation[9], translation[3]; /* as in pandis_object */
     double velocity[3];                 /* of the point at `translation`, scene lengths per second, at most 1e50 */
-    double spin[3];                     /* axis times radians per second, in the directions of the scene */
+    double spin[3];                     /* axis times radians per second, in scene coordinates */
 } pandis_pose;
 
 /* The state of the handover. Its contents are internal. */
@@ -86,14 +86,14 @@ typedef union {
     unsigned char bytes[128];
 } pandis_poses;
 
-/* Doubles that this many objects need. */
+/* Number of doubles that `count` objects require. */
 #define PANDIS_POSES_ROOM(count) (sizeof(char) * 68 * (count))
 
-/* Begin where the objects lie.
+/* Begin at the current poses of the objects.
  *
- * objects      count of them, kept by the caller, and moved by pandis_poses_step
- * room         of at least PANDIS_POSES_ROOM(count) doubles, kept by the caller
- * room_length  doubles in the room
+ * objects      `count` objects, kept by the caller, and moved by pandis_poses_step
+ * room         memory of at least PANDIS_POSES_ROOM(count) doubles, kept by the caller
+ * room_length  number of doubles in `room`
  *
  * Returns PANDIS_SUCCESS, PANDIS_ERROR_POSE or PANDIS_ERROR_COUNT. */
 PANDIS_API pandis_error pandis_poses_open(pandis_poses *poses, pandis_object *objects, size_t count, double *room,
@@ -102,16 +102,16 @@ PANDIS_API pandis_error pandis_poses_open(pandis_poses *poses, pandis_object *ob
 /* [rt] Hand over a frame, in the simulation's thread.
  *
  * frame    a pose for each object, copied
- * count    that of the objects, else PANDIS_ERROR_COUNT
+ * count    number of objects, else PANDIS_ERROR_COUNT
  * period   seconds until the next frame is due, more than 0 and at most 1e6
  *
  * Returns PANDIS_SUCCESS; or PANDIS_ERROR_POSE, and nothing is handed over: a rotation matrix is not a rotation,
- * something is not finite, or an object turns more than halfway round in the period. */
+ * a value is not finite, or an object turns more than halfway round in the period. */
 PANDIS_API pandis_error pandis_poses_give(pandis_poses *poses, const pandis_pose *frame, size_t count, double period);
 
 /* [rt] Move the objects, at the beginning of a tick. Returns 1 if there was a new frame, else 0.
  *
- * scene    that holds and follows them; or NULL
+ * scene    contains the objects and is notified; or NULL
  * dt       seconds since the last tick, more than 0 */
 PANDIS_API int pandis_poses_step(pandis_poses *poses, pandis_scene *scene, double dt);
 #endif

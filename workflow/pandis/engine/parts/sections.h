@@ -38,7 +38,7 @@ static int32_t pandis__whole(const pandis_field *f, int k) {
 
 static double pandis__real(const pandis_field *f, int k) { return pandis__f64(f->data + 128 + 8 * k); }
 
-/* A section by its name, and how many bytes it has; NULL if there is none. */
+/* Find a section by its name, and its size in bytes; NULL if there is none. */
 static const unsigned char *pandis__find(const pandis_field *f, const char *name, uint64_t *bytes) {
     const unsigned char *entry = f->data + PANDIS__HEADER;
     *bytes = 0;
@@ -50,14 +50,14 @@ static const unsigned char *pandis__find(const pandis_field *f, const char *name
     return NULL;
 }
 
-/* A section by its name, if it holds `count` values of `each` bytes; sections have been checked. */
+/* Find a section by its name, if it contains `count` values of `each` bytes; sections have been checked. */
 static const void *pandis__section(const pandis_field *f, const char *name, uint64_t count, uint64_t each) {
     uint64_t bytes;
     const unsigned char *section = pandis__find(f, name, &bytes);
     return bytes == count * each ? section : NULL;
 }
 
-/* Whether a section has this name. */
+/* Whether there is a section of this name. */
 static int pandis__has_section(const pandis_field *f, const char *name) {
     uint64_t bytes;
     return pandis__find(f, name, &bytes) != NULL;

@@ -2,7 +2,7 @@
 
 enum { PANDIS__SPHERE, PANDIS__TORUS, PANDIS__BOX, PANDIS__CAPSULE };
 
-/* Answer a closed form, in the form's own units. Sizes: sphere (radius), torus around z (ring, tube), box (half its
+/* Evaluate a closed form in the units of its sizes. Sizes: sphere (radius), torus around z (ring, tube), box (half its
  * sides), capsule along z (radius, half its axis). */
 static void pandis__answer_shape(const pandis__shape *s, const double *p, double *distance, double *normal) {
     double offset[3] = {p[0], p[1], p[2]};

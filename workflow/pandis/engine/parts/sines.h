@@ -1,12 +1,12 @@
 /* ---------------------------------------------------------------- sines */
 
-/* pi / 2 in three parts, the first two of few bits: whole multiples of them are exact. */
+/* pi / 2 in three parts, the first two of few bits, so that integer multiples of them are exact. */
 #define PANDIS__PART1 1.5703125f
 #define PANDIS__PART2 4.837512969970703125e-4f
 #define PANDIS__PART3 7.549789954891e-8f
 
-/* Sine and cosine, within 1.2e-7 for |x| up to 1e4; beyond, where no trained network goes, those of 0; NaN if x is not
- * finite. Minimax polynomials on [-pi/4, pi/4] (Cephes, Moshier). No branch, so that it vectorises. */
+/* Compute sine and cosine within 1.2e-7 for |x| up to 1e4. Beyond, where no trained network goes, results are those of 0;
+ * they are NaN if x is not finite. Minimax polynomials on [-pi/4, pi/4] (Cephes, Moshier). No branch, so that it vectorises. */
 PANDIS__INLINE void pandis__sine_cosine(float x, float *sine, float *cosine) {
     const float whole = 12582912.0f; /* adding 1.5 * 2^23 rounds to the nearest whole number */
     float none = x - x;              /* 0, or NaN if x is not finite */
@@ -22,8 +22,8 @@ PANDIS__INLINE void pandis__sine_cosine(float x, float *sine, float *cosine) {
     *cosine = ((quarter + 1) & 2 ? -b : b) + none;
 }
 
-/* Check the arithmetic that all of this relies on: sums are rounded in the order in which they are written, NaN stays
- * NaN. Some parts of -ffast-math break that, and set no macro. */
+/* Check the arithmetic that this code relies on: sums are rounded in the order in which they are written, and NaN stays
+ * NaN. Some options of -ffast-math break this and define no macro. */
 PANDIS__ONCE static int pandis__arithmetic(void) {
     /* sines and cosines of 3 and of -100, from a loop like that of network layers */
     static const float wanted[4] = {0.141120008f, -0.989992497f, 0.506365641f, 0.862318872f};

@@ -20,8 +20,8 @@ typedef int32_t pandis__four_ints __attribute__((vector_size(16)));
 PANDIS__RESTORE(int16_t, pandis__four_shorts, coarse)
 PANDIS__RESTORE(int8_t, pandis__four_bytes, fine)
 
-/* Collect the 64 coefficients around a point, block by block; blocks that are not kept give zeros. Returns whether any
- * block is kept; for the coarse lattice, useless if incomplete, whether all are. */
+/* Collect the 64 coefficients around a point, block by block; blocks that are not stored give zeros. Returns whether any
+ * block is stored; for the coarse lattice, which is useless if incomplete, whether all are. */
 PANDIS__INLINE int pandis__collect(const pandis__spline *s, int level, const int *first, float *c) {
     const pandis__layout *l = s->layout + level;
     int found = 0, low[3], blocks[3];
@@ -56,8 +56,8 @@ PANDIS__INLINE int pandis__collect(const pandis__spline *s, int level, const int
     return found;
 }
 
-/* Add one level's value and gradient; returns as pandis__collect does. With `cells` of this very spline, nothing is
- * collected twice for points near each other. */
+/* Add one level's value and gradient; returns as pandis__collect does. With a cache `cells` of this spline,
+ * coefficients around recent points are not collected again. */
 PANDIS__INLINE int pandis__add_level(const pandis__spline *s, int level, const double *p, pandis__cells *cells,
                                      double *value, double *gradient) {
     const pandis__layout *l = s->layout + level;
@@ -79,10 +79,10 @@ PANDIS__INLINE int pandis__add_level(const pandis__spline *s, int level, const d
 }
 
 /* Where two walls are about equally near, a spline rounds the crease between them: its gradient is
- * shorter than 1. The distance is linear towards the nearest wall. So the answer is taken nearer to it,
- * where less is rounded, and extrapolated back. */
-#define PANDIS__LIFT 0.7    /* in steps of the coarse lattice, at most */
-#define PANDIS__SHORT 0.02  /* how much of the squared gradient must be missing */
+ * shorter than 1. The distance is linear towards the nearest wall. Therefore the spline is evaluated
+ * nearer to it, where less is rounded, and extrapolated back. */
+#define PANDIS__LIFT 0.7    /* largest shift, in steps of the coarse lattice */
+#define PANDIS__SHORT 0.02  /* smallest deficit of the squared gradient */
 
 PANDIS__INLINE void pandis__sharpen(const pandis__spline *s, const double *p, pandis__cells *cells, double *value,
                                     double *gradient) {
@@ -96,7 +96,7 @@ PANDIS__INLINE void pandis__sharpen(const pandis__spline *s, const double *p, pa
     double slope = sqrt(pandis__dot(gradient, gradient));
     if (!(slope > PANDIS__TINY) || !pandis__normalise(normal)) return;
     *value = found - lift * pandis__dot(gradient, normal);
-    for (int k = 0; k < 3; k++) gradient[k] = slope * normal[k]; /* as long as it was */
+    for (int k = 0; k < 3; k++) gradient[k] = slope * normal[k]; /* its length does not change */
 }
 
 PANDIS__INLINE void pandis__answer_spline_body(const pandis__spline *s, const double *u, pandis__cells *cells,

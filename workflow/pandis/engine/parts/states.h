@@ -1,10 +1,10 @@
-/* ---------------------------------------------------------------- what is behind the opaque states */
+/* ---------------------------------------------------------------- contents of the opaque states */
 
 typedef struct {
-    pandis_contact_options options; /* budget 0: it is not open */
+    pandis_contact_options options; /* budget 0: the contact is not open */
     int32_t state, planes, sticks, settled, close, stalled, idle, face, region;
     /* in the object's unit frame */
-    pandis_object object; /* as it lay in the last step */
+    pandis_object object; /* its pose in the last step */
     double ball[5], sunk, lift, pace, rested, proxy[3], probe[3], velocity[3], pull[3], plane[8][7];
 } pandis__contact;
 
@@ -12,9 +12,9 @@ typedef struct {
     const pandis_object *objects;
     size_t count;
     double *room;
-    size_t queries;           /* of the last answer */
-    pandis_contact *contacts; /* of each object; NULL: none */
-    double probe[3];          /* where it was in the last step of the contacts */
+    size_t queries;           /* in the last call */
+    pandis_contact *contacts; /* one per object; NULL: none */
+    double probe[3];          /* its position in the last step of the contacts */
 } pandis__scene;
 
 #if defined(__GNUC__) || defined(_MSC_VER)

@@ -15,17 +15,17 @@ PANDIS__ONCE PANDIS_API pandis_error pandis_scene_touch_open(pandis_scene *scene
     return error;
 }
 
-/* A contact that was not stepped has gone with the probe: nothing was in its way. */
+/* Move the proxy of a contact that was not stepped to the probe's last position: nothing was in its way. */
 static void pandis__wake(const pandis__scene *scene, size_t index) {
     pandis__contact *c = pandis__contact_of(scene->contacts + index);
     double point[3], probe[3];
-    if (c->state != PANDIS__CLEAR || memcmp(c->proxy, c->probe, sizeof c->probe)) return; /* it is behind */
-    pandis__enter(&c->object, scene->probe, point); /* where it lay then */
+    if (c->state != PANDIS__CLEAR || memcmp(c->proxy, c->probe, sizeof c->probe)) return; /* the proxy is behind */
+    pandis__enter(&c->object, scene->probe, point); /* at its pose in that step */
     if (!pandis__unit(c->object.field, point, probe)) return;
     memcpy(c->proxy, probe, sizeof probe), memcpy(c->probe, probe, sizeof probe);
 }
 
-/* How far the probe may go before a contact has to be stepped again, in scene units. */
+/* Distance, in scene units, that the probe may move before a contact must be stepped again. */
 static double pandis__at_ease(const pandis__contact *c, const pandis_object *o) {
     if (c->state != PANDIS__CLEAR || c->sunk > 0 || pandis__dot(c->pull, c->pull) > 0) return 0;
     if (memcmp(c->proxy, c->probe, sizeof c->probe)) return 0;
@@ -51,7 +51,7 @@ PANDIS_API pandis_flag pandis_scene_touch(pandis_scene *scene, const double posi
         const pandis__contact *c = pandis__contact_in(s->contacts + i);
         pandis_touch touch;
         double far = size;
-        if (!c->options.budget) continue; /* it could not be opened */
+        if (!c->options.budget) continue; /* the contact could not be opened */
         pandis__wake(s, i);
         worst = pandis__worse(pandis_contact_step(s->contacts + i, o, position, dt, &touch), worst);
         s->queries += (size_t)touch.queries;

@@ -1,10 +1,10 @@
-/* ---------------------------------------------------------------- files that hold trees */
+/* ---------------------------------------------------------------- files with trees */
 
-/* The child of a node at one of its eight places; 0 if there is none. */
+/* Get the child of a node at one of its eight places; returns 0 if there is none. */
 typedef int (*pandis__child)(const void *nodes, int32_t node, int place, int32_t *child);
 
-/* Check a tree: nodes and leaves must come in the order in which a walk meets them, each once, and no deeper than the
- * stack. So no query can loop, or visit more leaves than there are. */
+/* Check a tree: nodes and leaves must be in the order in which a traversal visits them, each once, and no deeper than
+ * the stack. Then no query can loop, or visit more leaves than there are. */
 static int pandis__walk(const void *tree, pandis__child child_of, int32_t node_count, int32_t leaf_count) {
     int32_t path[PANDIS__DEEPEST], nodes = 1, leaves = 0;
     int next[PANDIS__DEEPEST], depth = 0;
@@ -41,14 +41,14 @@ static int pandis__branch_child(const void *nodes, int32_t node, int place, int3
     return place < b->count;
 }
 
-/* Every index must be valid. */
+/* Open a mesh; every index must be valid. */
 PANDIS__ONCE static int pandis__open_mesh(pandis_field *f) {
     pandis__mesh *m = &f->as.mesh;
     m->vertex_count = pandis__whole(f, 0), m->face_count = pandis__whole(f, 1);
     m->node_count = pandis__whole(f, 2), m->leaf_count = pandis__whole(f, 3);
     m->reach = pandis__real(f, 0);
     int32_t most = pandis__whole(f, 4);
-    if (most < 0 || (most > 0 && most < 9)) return 0; /* a leaf and all of its faces, at least */
+    if (most < 0 || (most > 0 && most < 9)) return 0; /* at least a leaf and all of its faces */
     m->most = most ? most : INT32_MAX;
     if (m->vertex_count < 3 || m->face_count < 1 || m->node_count < 1 || m->leaf_count < 1) return 0;
     if (!(m->reach >= 0 && m->reach <= 1e30)) return 0;
@@ -74,7 +74,7 @@ PANDIS__ONCE static int pandis__open_mesh(pandis_field *f) {
     return pandis__walk(m->nodes, pandis__node_child, m->node_count, m->leaf_count);
 }
 
-/* A block must lie in its section, and its faces' corners among its own. */
+/* Check that a block is within its section, and that its faces refer to its own corners. */
 static int pandis__good_block(const pandis__compact *t, int32_t block, uint64_t size) {
     pandis__packed b;
     const pandis__block_record *record = t->blocks + block;
@@ -98,7 +98,7 @@ static int pandis__good_block(const pandis__compact *t, int32_t block, uint64_t 
     return 1;
 }
 
-/* Every face of every block must say which face it comes from. */
+/* Open the list of original faces, which needs an entry for every face of every block. */
 PANDIS__ONCE static int pandis__open_originals(pandis_field *f) {
     pandis__compact *t = &f->as.compact;
     const int32_t *original =
@@ -121,7 +121,7 @@ PANDIS__ONCE static int pandis__open_compact(pandis_field *f) {
     if (t->bits < 4 || t->bits > PANDIS__MOST_BITS || t->branch_count < 1 || t->block_count < 1) return 0;
     if (t->block_count > INT32_MAX / PANDIS__BLOCK - 1 || !(t->reach >= 0 && t->reach <= 1)) return 0;
     int32_t most = pandis__whole(f, 4);
-    if (most < 0 || (most > 0 && most < 9)) return 0; /* a block and all of its groups, at least */
+    if (most < 0 || (most > 0 && most < 9)) return 0; /* at least a block and all of its groups */
     t->most = most ? most : INT32_MAX;
     t->step = 2 * PANDIS__HALF / ((1 << t->bits) - 1);
     uint64_t size = (uint64_t)(uint32_t)pandis__whole(f, 3);

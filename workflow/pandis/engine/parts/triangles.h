@@ -10,7 +10,7 @@ PANDIS__INLINE int32_t pandis__least(const int32_t *keys) {
     return least;
 }
 
-/* A squared distance as a key: boxes with larger keys are farther. */
+/* Convert a squared distance to a key: boxes with larger keys are farther. */
 static int32_t pandis__key(float squared) {
     int32_t key;
     memcpy(&key, &squared, sizeof key);
@@ -44,7 +44,7 @@ static pandis__waiting pandis__next(pandis__waiting *heap, int count) {
     return first;
 }
 
-/* Queue a box. If there is no room, the farther of it and the last one is dropped: 1, and its key. */
+/* Queue a box. If the queue is full, drop the farther of this box and the last one, and return 1 and its key. */
 static int pandis__wait_or_drop(pandis__waiting *heap, int *count, int32_t key, int32_t child, int32_t *out) {
     pandis__waiting one = {key, child};
     if (*count < PANDIS__HEAP) {
@@ -97,7 +97,7 @@ PANDIS__INLINE void pandis__eight_distances(float (*v)[3][PANDIS__WIDTH], const 
 /* How much too large the distance d to any of eight triangles can be in single precision, besides rounding of the point:
  * at most slack[0] + slack[1] * d. With B = 1 / the sine of the angle at the first corner and the unit
  * roundoff e, the foot inside a triangle is off by less than e (32 B (d + longest side) + 8 B^2 d). If a triangle is so
- * narrow that half its least height is less, that bounds it: an edge is as near. */
+ * narrow that half its smallest height is less, that is the bound: an edge is as near. */
 static void pandis__slacks(float (*v)[3][PANDIS__WIDTH], float *slack) {
     const float e = 6e-8f;
     float off[PANDIS__WIDTH], share[PANDIS__WIDTH];

@@ -1,37 +1,37 @@
-/* How far an answer can be trusted. */
+/* How reliable an answer is. */
 typedef enum {
     PANDIS_OK = 0,      /* within the accuracy of the field */
-    PANDIS_BOUND = 1,   /* outside of what the field covers: the side is right, the distance an estimate that may be too large */
+    PANDIS_BOUND = 1,   /* outside what the field covers: the side is right, but the distance is an estimate, maybe too large */
     PANDIS_INVALID = 2, /* no answer: an argument is out of range or not finite, or the field overflowed */
     PANDIS_CUT = 3,     /* the search was cut short: too many faces are about equally near (around the middle of a finely
                          * tessellated ball). The distance may be too large, by some hundredths of the object: see
-                         * pandis_answer.clear. No point tried next to the surface when the file was made was cut */
+                         * pandis_answer.clear. When the file was made, no query at test points next to the surface was cut */
     PANDIS_BEYOND = 4   /* pandis_query_within only: no surface is within its reach */
 } pandis_flag;
 
-/* Why something cannot be opened or changed. Errors are negative and flags are not, so neither is taken for the other. */
+/* Reasons why something cannot be opened or changed. Errors are negative and flags are not, so they cannot be confused. */
 typedef enum {
     PANDIS_SUCCESS = 0,
     PANDIS_ERROR_FILE = -1,        /* the file cannot be read */
     PANDIS_ERROR_FORMAT = -2,      /* not a .pandis file */
     PANDIS_ERROR_ENDIAN = -3,      /* wrong byte order, of the file or of this machine */
-    PANDIS_ERROR_VERSION = -4,     /* it is of a later version, or a mesh of an earlier one */
-    PANDIS_ERROR_SIZE = -5,        /* it is shorter or longer than it says */
-    PANDIS_ERROR_CHECKSUM = -6,    /* its bytes have changed */
-    PANDIS_ERROR_CONTENT = -7,     /* its content is inconsistent, or this kind of field cannot do that */
+    PANDIS_ERROR_VERSION = -4,     /* the file has a later version, or is a mesh of an earlier one */
+    PANDIS_ERROR_SIZE = -5,        /* the file is shorter or longer than its header states */
+    PANDIS_ERROR_CHECKSUM = -6,    /* the bytes of the file have changed */
+    PANDIS_ERROR_CONTENT = -7,     /* inconsistent content, or an operation that this kind of field does not support */
     PANDIS_ERROR_POSE = -8,        /* an object or a pose is invalid: see pandis_object */
     PANDIS_ERROR_ALIGNMENT = -9,   /* the bytes do not begin at a multiple of 8 */
-    PANDIS_ERROR_ARITHMETIC = -10, /* compiled with flags under which it would answer wrongly */
+    PANDIS_ERROR_ARITHMETIC = -10, /* compiled with flags that would make results wrong */
     PANDIS_ERROR_LARGE = -11,      /* a network beyond PANDIS_MOST_WIDTH or PANDIS_MOST_DEPTH */
     PANDIS_ERROR_VERTEX = -12,     /* a vertex of a new shape is not finite, or beyond 1e30 in the unit frame */
     PANDIS_ERROR_KIND = -13,       /* a grid of forces cannot have a contact: it has no distances outside */
     PANDIS_ERROR_RADIUS = -14,     /* the probe is larger than the free space known around the field's surface */
     PANDIS_ERROR_OPTIONS = -15,    /* a contact option is out of range: see pandis_contact_options */
     PANDIS_ERROR_COUNT = -16,      /* an array is shorter or longer than required */
-    PANDIS_ERROR_HEADER = -17      /* the implementation is of another version of this header, or packed differently */
+    PANDIS_ERROR_HEADER = -17      /* the implementation has another version of this header, or another structure packing */
 } pandis_error;
 
-/* What a field is. */
+/* The kind of a field. */
 typedef enum {
     PANDIS_CLOSED = 0,
     PANDIS_NETWORK = 1,
@@ -48,11 +48,11 @@ typedef struct {
     double normal[3]; /* outward, of unit length */
     double slope;     /* length of the vector that was normalised: 1 for meshes and closed forms; elsewhere about 1, but
                        * clearly less near the medial axis, where two walls are about equally near and the normal is about to
-                       * turn; 0 for grids of forces, which have none */
-    double clear;     /* meshes: no surface is nearer than this, up to rounding; else |distance| */
+                       * flip; 0 for grids of forces, which have no distance outside */
+    double clear;     /* for meshes a lower bound of the distance to the surface, up to rounding; else |distance| */
     pandis_flag flag;
     int32_t face;     /* index, in mesh.zarr.zip, of a face that holds the closest point. A simplified mesh names a face
-                       * beside it. -1 if unknown: only `exact` meshes, and compact ones with a section ORIG, know it */
+                       * beside it. -1 if unknown: only `exact` meshes, and compact ones with a section ORIG, store it */
     int32_t region;   /* material of the surface there (pandis_region); -1 if the file has none */
 } pandis_answer;
 
@@ -86,18 +86,18 @@ typedef struct {
 
 typedef struct {
     int32_t size, bricks;  /* nodes and bricks per axis */
-    double low, per_step;  /* place of node 0, nodes per length */
-    const uint16_t *brick; /* for each place: its kept brick, or 65535 */
-    const uint64_t *mask;  /* for each kept brick: a bit for each block it holds */
-    const uint32_t *base;  /* for each kept brick: number of blocks before it */
+    double low, per_step;  /* position of node 0, nodes per length */
+    const uint16_t *brick; /* for each position: its stored brick, or 65535 */
+    const uint64_t *mask;  /* for each stored brick: a bit for each stored block */
+    const uint32_t *base;  /* for each stored brick: number of blocks before it */
 } pandis__layout;
 
 typedef struct {
     pandis__layout layout[2];
     int32_t far_size;
     double far_low, far_per_step, offset[3], scale[3], inside, outside;
-    const int16_t *coarse, *far; /* coefficients: offset + scale * stored; of the band ... */
-    const int8_t *fine;          /* ... and what is added to it there */
+    const int16_t *coarse, *far; /* coefficients, offset + scale * stored: of the band, and beyond it */
+    const int8_t *fine;          /* correction that is added in the band */
     const uint8_t *side;         /* for each block of coarse lattice cells: whether it is outside */
 } pandis__spline;
 
@@ -117,8 +117,8 @@ typedef struct {
     int32_t child[PANDIS__WIDTH]; /* a node if >= 0, else the complement of a leaf */
 } pandis__node;
 
-/* Up to eight triangles, rounded: a coordinate is origin + corner * step. They serve to find, in single precision, which
- * triangles may be nearest. A distance d is too large by at most slack + share * d. */
+/* Up to eight triangles, rounded: a coordinate is origin + corner * step. They are used to find, in single
+ * precision, the triangles that may be nearest. A distance d is too large by at most slack + share * d. */
 typedef struct {
     uint16_t corner[3][3][PANDIS__WIDTH]; /* corner, axis, triangle; unused places repeat the first */
     int32_t face[PANDIS__WIDTH];          /* -1: unused */
@@ -148,7 +148,7 @@ typedef struct {
     int32_t child[PANDIS__WIDTH];    /* a branch if >= 0, else the complement of a block */
 } pandis__branch;
 
-/* Where a block of faces lies, in the section of blocks and in space. origin: 21 bits an axis. counts: faces less one,
+/* Position of a block of faces in the section of blocks and in space. origin: 21 bits an axis. counts: faces less one,
  * corners less one (6 bits each), and the bits that its extents need (5 each). */
 typedef struct {
     uint32_t start, counts;

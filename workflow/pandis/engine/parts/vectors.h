@@ -1,8 +1,8 @@
 
 /* ---------------------------------------------------------------- vectors
  *
- * Sums run in lanes, in vector types where the compiler has them: it would not keep lanes in registers by itself.
- * Elsewhere a vector is one number. The order of additions is the same for every width. */
+ * Sums run in lanes. These are vector types if the compiler has them, since it would not keep lanes in registers by
+ * itself; otherwise a vector is one number. The order of additions is the same for every width. */
 #if (defined(__clang__) || (defined(__GNUC__) && __GNUC__ >= 9)) && !defined(PANDIS_NO_VECTORS)
 #if defined(__AVX512F__)
 #define PANDIS__VECTOR 16
@@ -15,7 +15,7 @@ typedef float pandis__vector __attribute__((vector_size(4 * PANDIS__VECTOR)));
 typedef float pandis__floats __attribute__((vector_size(4 * PANDIS__VECTOR), aligned(4), may_alias));
 typedef int16_t pandis__shorts __attribute__((vector_size(2 * PANDIS__VECTOR), aligned(2), may_alias));
 typedef int32_t pandis__ints __attribute__((vector_size(4 * PANDIS__VECTOR)));
-/* macros, as returning a vector from a function depends on the ABI */
+/* macros, because the ABI determines how a function returns a vector */
 #define pandis__load(p) (*(const pandis__floats *)(p))
 #define pandis__load16(p) __builtin_convertvector(*(const pandis__shorts *)(p), pandis__vector)
 #else
@@ -24,7 +24,7 @@ typedef float pandis__vector;
 #define pandis__load(p) (*(p))
 #define pandis__load16(p) ((float)*(p))
 #endif
-#if PANDIS__VECTOR == 8 && defined(__x86_64__) && defined(__GNUC__) && !defined(__clang__) /* which does so by itself */
+#if PANDIS__VECTOR == 8 && defined(__x86_64__) && defined(__GNUC__) && !defined(__clang__) /* clang does this by itself */
 #define pandis__load16_wide(p) \
     __builtin_convertvector((pandis__ints)__builtin_ia32_pmovsxwd256(*(const pandis__shorts *)(p)), pandis__vector)
 #ifdef __AVX2__

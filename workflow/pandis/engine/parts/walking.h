@@ -1,22 +1,22 @@
-/* ---------------------------------------------------------------- how a proxy walks where hops lead nowhere
+/* ---------------------------------------------------------------- how a proxy walks if hops make no progress
  *
  * Where an approximate surface is rounded, in grooves and corners, planes that were seen from different places contradict
  * each other, and no hop leads nearer to the probe. A walk uses none of them. Each of its steps goes straight towards the
- * probe, and out of the surface again by planes that are looked at for this step alone. */
+ * probe, and out of the surface again along planes that are determined for this step only. */
 
 #define PANDIS__PACE 4.8e-3        /* a walk's longest step; its first is an eighth of that */
 #define PANDIS__CHORD 1.6e-3       /* the longest step around an edge that the proxy may take in part, straight on */
-#define PANDIS__FLAT 0.98          /* an edge is where the cosine between the normals at both ends is less */
+#define PANDIS__FLAT 0.98          /* at an edge the cosine between the normals at both ends of a step is less */
 #define PANDIS__TIRED (1 / 1024.0) /* a walk ends below this share of the longest step: each failed step halves the next */
-#define PANDIS__IDLE 16            /* it begins at this count: contact steps that lead nowhere add 2, others subtract 1 */
-#define PANDIS__GAIN 0.25          /* a step leads nowhere if it gains less than this share of what it may, */
-#define PANDIS__GAIN_EXACT 1e-9    /* or, on exact surfaces, less than this, or comes no nearer to the probe */
+#define PANDIS__IDLE 16            /* a walk begins at this count: contact steps without progress add 2, others subtract 1 */
+#define PANDIS__GAIN 0.25          /* a step makes no progress if it gains less than this share of the possible gain, */
+#define PANDIS__GAIN_EXACT 1e-9    /* or, on exact surfaces, less than this, or does not come nearer to the probe */
 #define PANDIS__CREEP 0.01         /* or, while the probe rests, goes less than this share of its way */
-#define PANDIS__NEAR (PANDIS__GAP / 2) /* a ball at this lift reaches the proxy */
-#define PANDIS__AGAIN 64           /* steps of the contact after which a proxy that rests tries again, */
-#define PANDIS__MOVED 0.2          /* or when the probe has gone this share of its distance to the proxy */
-#define PANDIS__LEAN 0.05          /* sine of the angle between pull and surface normal below which it rests */
-#define PANDIS__SUNK 1e-6          /* a place counts as free if it is no deeper, */
+#define PANDIS__NEAR (PANDIS__GAP / 2) /* lift from which a ball reaches the proxy */
+#define PANDIS__AGAIN 64           /* contact steps after which a resting proxy tries again, */
+#define PANDIS__MOVED 0.2          /* or when the probe has moved by this share of its distance to the proxy */
+#define PANDIS__LEAN 0.05          /* sine of the angle between pull and surface normal below which the proxy rests */
+#define PANDIS__SUNK 1e-6          /* a place counts as free if it is no deeper than this, */
 #define PANDIS__SUNK_SHARE 0.1     /* and no deeper than this share of a step */
 
 /* Find the free place nearest to a goal, at most `reach` away. Returns 1 if it is in `look`, 0 if none was found, -1 if
@@ -31,7 +31,7 @@ PANDIS__ONCE static int pandis__free_place(pandis__proxy *p, const double *goal,
     for (p->count = 0; p->count < 5 && p->queries < p->state->options.budget && pandis__between(at, goal) <= reach;) {
         if (!pandis__look_at(p, at, look)) return -1;
         if (look->distance >= -sunk && (over || !p->count || look->distance <= *slope * 0.02 * reach)) return 1;
-        if (over) { /* too near: take the place before */
+        if (over) { /* too near: use the previous place */
             *look = high;
             return 1;
         }
@@ -58,8 +58,8 @@ PANDIS__ONCE static int pandis__free_place(pandis__proxy *p, const double *goal,
 }
 
 /* Take a free ball above a place, at the lift over the planes that hold the proxy there. Returns 1 if the ball joins the
- * last one or holds the proxy, and reaches the place (if `reaches`); else 0; -1: no answer. It has to join because an exact
- * object may be thinner than a step: the way to a free place need not be free. */
+ * last one or holds the proxy, and reaches the place (if `reaches`); else 0; -1: no answer. It must join because an exact
+ * object may be thinner than a step, so the path to a free place need not be free. */
 static int pandis__covers(pandis__proxy *p, const double *place, int reaches) {
     pandis__look look;
     double at[3];
@@ -72,7 +72,7 @@ static int pandis__covers(pandis__proxy *p, const double *place, int reaches) {
 }
 
 /* Take a free ball that reaches the proxy, whether or not it joins the last one: at the lift or, if there is none, nearer
- * to the proxy and in front of all walls that were met. Returns 1, or 0 if none was found, -1 if there was no answer. */
+ * to the proxy and in front of all walls found. Returns 1, or 0 if none was found, -1 if there was no answer. */
 PANDIS__ONCE static int pandis__stand(pandis__proxy *p) {
     pandis__contact *c = p->state;
     for (int turn = 0; turn < 4 && p->queries < c->options.budget; turn++) {
@@ -98,7 +98,7 @@ PANDIS__ONCE static int pandis__walk_on(pandis__proxy *p, pandis__way *way, cons
     double slip = -1, clear = 0, slope = 1, side[3] = {0};
     const int most = c->options.budget - 1; /* the hops that follow lead nowhere */
     int first = !p->exact, good = 1, anew = 0; /* out of the surface first, if the proxy has sunk in */
-    if (p->exact) { /* balls at the last one's lift join it */
+    if (p->exact) { /* balls at the lift of the last one join it */
         double far = pandis__between(p->ball, p->x), least = fmax(far / PANDIS__FARTHEST, PANDIS__NEAR);
         c->lift = fmin(PANDIS__HOVER, fmax(fmin(c->lift, far), least));
         if (far > p->ball[3] + PANDIS__GAP) good = pandis__stand(p);
@@ -133,7 +133,7 @@ PANDIS__ONCE static int pandis__walk_on(pandis__proxy *p, pandis__way *way, cons
         if (good < 0) return 0;
         double slips = slip < 0 ? way->soft < 1 ? way->soft * (along - friction) : 1e300 : slip;
         if (p->count && !first) share = fmax(0, fmin(1, fmin(slips, way->travel) / step));
-        /* of a long step around an edge a part may lie inside */
+        /* part of a long step around an edge may be inside */
         int cuts = share < 1 && pace > PANDIS__CHORD && step > PANDIS__CHORD && pandis__dot(side, look.normal) < PANDIS__FLAT;
         if (good || first) memcpy(side, look.normal, sizeof side);
         if (!good || cuts) {
@@ -158,7 +158,7 @@ PANDIS__ONCE static int pandis__walk_on(pandis__proxy *p, pandis__way *way, cons
         }
         if (first) continue;
         c->pace = fmin(1.5 * c->pace, PANDIS__PACE);
-        if (p->exact) c->idle = PANDIS__IDLE - 2; /* hops are faster, if they lead anywhere from here */
+        if (p->exact) c->idle = PANDIS__IDLE - 2; /* hops are faster, if they make progress from here */
         if (share < 1) break;
     }
     return 1;
@@ -173,7 +173,7 @@ PANDIS__ONCE static int pandis__try_walk(pandis__proxy *p, pandis__way *way, con
 }
 
 /* Go back to a place that was nearer to the probe, if it lies outside. Planes that contradict each other led away from it;
- * without this, the proxy could go round in a circle for ever. 0: no answer. */
+ * without this check, the proxy could circle for ever. 0: no answer. */
 PANDIS__ONCE static int pandis__go_back(pandis__proxy *p, const double *place, const double *ball) {
     pandis__look look;
     if (!pandis__look_at(p, place, &look)) return 0;
@@ -186,13 +186,13 @@ PANDIS__ONCE static int pandis__go_back(pandis__proxy *p, const double *place, c
     return 1;
 }
 
-/* Bring the proxy as near to the probe as it can: by hops, or a walk where hops lead nowhere. `moved` is the probe's way.
+/* Bring the proxy as near to the probe as it can: by hops, or by a walk if hops make no progress. `moved`: the probe's motion.
  * 0: no answer. */
 static int pandis__come(pandis__proxy *p, pandis__way *way, const double *probe, double moved) {
     pandis__contact *c = p->state;
     const double creep = PANDIS__CREEP * way->travel, least = p->exact ? PANDIS__GAIN_EXACT : PANDIS__GAIN * way->travel;
     if (c->idle < PANDIS__IDLE) c->rested = 1;
-    /* a probe faster than the proxy may go is not followed by short steps: it has to slow down first */
+    /* the short steps of a walk do not follow a probe that is faster than the proxy may move */
     else if (moved < 0.5 * way->travel && !pandis__try_walk(p, way, probe, moved)) return 0;
     const double before[3] = {p->x[0], p->x[1], p->x[2]};
     double ball[5];

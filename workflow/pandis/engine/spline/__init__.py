@@ -14,7 +14,7 @@ from pandis.engine.threads import in_threads
 #: Nodes per axis of a block, and blocks per axis of a brick.
 BLOCK, BRICK = 2, 4
 _NO_BRICK = 65535
-#: Points are clipped to this, so that the faces of the box [-1, 1]³ belong to its last cells.
+#: Coordinates are clipped to ±EDGE, so the faces of the box [-1, 1]³ belong to its last cells.
 EDGE = 1 - 1e-12
 #: Parallel sums run over this many parts, so that the number of threads does not change the result.
 _PARTS = 2
@@ -43,7 +43,7 @@ def library():
 
 
 class Lattice:
-    """The nodes of a spline: ``size`` per axis from ``low`` to ``-low``.
+    """The lattice of a spline: ``size`` nodes per axis, from ``low`` to ``-low``.
 
     The spline is defined where a point has two nodes on either side: [low + step, -low - step].
     """
@@ -87,7 +87,7 @@ class Lattice:
         return value, gradient
 
     def adjoint(self, points, value, gradient):
-        """Return the adjoint of `evaluate`: sums (size³,) of residuals (n,) and (n, 3) per node."""
+        """Apply the adjoint of `evaluate`: sum residuals (n,) and (n, 3) at each node (size³,)."""
         points, value, gradient = (
             np.ascontiguousarray(a, np.float64) for a in (points, value, gradient)
         )
@@ -114,9 +114,9 @@ class SparseSpline:
     ----------
     lattice : Lattice
     masks : ndarray, shape (bricks, bricks, bricks), uint64
-        For each brick, a bit for each of its 64 blocks: whether it is stored.
+        For each brick, 64 bits that mark which of its blocks are stored.
     coefficients : ndarray, shape (blocks, 8), float32
-        In the order of the bricks, and of the bits in each.
+        In the order of the bricks and, within each brick, of its bits.
     """
 
     def __init__(self, lattice, masks, coefficients):
@@ -130,7 +130,7 @@ class SparseSpline:
         self._mask = np.ascontiguousarray(blocks[occupied], np.uint64)
         counts = np.bitwise_count(self._mask).astype(np.int64)
         if counts.sum() != len(coefficients):
-            raise ValueError("as many blocks of coefficients as bits are needed")
+            raise ValueError("the number of coefficient blocks differs from the number of bits set")
         self._base = (np.cumsum(counts) - counts).astype(np.uint32)
         self._blank, self.bricks = coefficients.size, len(masks)
         self._coefficients = np.append(coefficients.reshape(-1), 0).astype(np.float32)
@@ -175,7 +175,7 @@ class SparseSpline:
 
 
 def pack(blocks):
-    """Return the bricks' masks of a bool array (b, b, b) of the blocks to store.
+    """Return the masks of the bricks, from a bool array (b, b, b) of the blocks to store.
 
     ``b`` must be a multiple of four.
     """

@@ -1,4 +1,4 @@
-"""RO-Crate 1.1 of verified results: each file, the stage that made it, and its inputs.
+"""RO-Crate 1.1 of verified results: lists each file with its stage and its inputs.
 
 Source: https://www.researchobject.org/ro-crate/specification/1.1/
 """
@@ -16,7 +16,7 @@ from pandis.pipeline.run.job.stored import RESULTS
 NAME = "ro-crate-metadata.json"
 _SPECIFICATION = "https://w3id.org/ro/crate/1.1"
 _SOFTWARE, _LICENCE = "#pandis", "#licences-of-the-meshes"
-#: Media types by the last suffix of a file name, where Python knows none.
+#: Media types, by file suffix, that Python's `mimetypes` does not contain.
 _TYPES = {".zip": "application/zip", ".pandis": "application/octet-stream"}
 
 
@@ -28,14 +28,14 @@ def write_crate(folder, outputs, provenance):
     folder : str
         The results folder.
     outputs : list of pandis.pipeline.run.plan.plan.Output
-        Verified results; those outside the folder are left out.
+        Verified results; results outside the folder are left out.
     provenance : dict of str to dict
-        Stored provenance by path of output; plain companion files have none.
+        Stored provenance, by output path; plain companion files have none.
 
     Returns
     -------
     pathlib.Path
-        The file.
+        Path of the written file.
     """
     root = Path(folder)
     inside = [output for output in outputs if root in Path(output.path).parents]
@@ -54,7 +54,7 @@ def write_crate(folder, outputs, provenance):
 
 
 def remove_crate(folder):
-    """Remove the results' crate, which vouches for an earlier check."""
+    """Remove the results' crate, which describes the results of an earlier check."""
     Path(folder, NAME).unlink(missing_ok=True)
 
 
@@ -103,7 +103,7 @@ def _file(path, identifier):
 
 
 def _action(output, ids, stored, folder):
-    """Return the run of a stage: its inputs within the crate, its result, its options."""
+    """Return the entry for a stage's run: its inputs in the crate, its result, its options."""
     names = [name.replace(RESULTS, folder, 1) for name in stored["inputs"]]
     inputs = [{"@id": ids[name]} for name in names if name in ids]
     return {

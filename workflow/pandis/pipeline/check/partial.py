@@ -1,6 +1,6 @@
-"""Writes a report and summary of the meshes with valid results, after a run in which others failed.
+"""Writes a partial report and summary after a run in which some meshes failed.
 
-Run as ``python -m pandis.pipeline.check.partial`` with the configuration on stdin: the planning
+It runs as ``python -m pandis.pipeline.check.partial`` with the plan on stdin, because the planning
 process, which detects that a run has failed, does not load numerical libraries.
 """
 
@@ -20,7 +20,7 @@ from pandis.pipeline.run.job.artifact import read_artifact, write_atomically
 from pandis.pipeline.run.job.stage import INTERRUPTED, silent_progress
 from pandis.pipeline.run.plan.plan import Plan
 
-#: Artifacts behind every section of the report, besides those of the fields.
+#: Artifacts that the summary needs for every mesh.
 _STEMS = ("evaluation", "timing", "stress", "hardware")
 
 
@@ -34,7 +34,7 @@ def write_partial(plan):
     Returns
     -------
     dict of str to str
-        The meshes left out, with reasons. Nothing is written if that is all or none of them.
+        Reasons, by name of mesh left out. Nothing is written if all or no meshes are left out.
     """
     checker, good, refused = Checker(plan), [], dict(plan.refused)
     for mesh in plan.meshes:
@@ -58,7 +58,7 @@ def write_partial(plan):
 
 
 def _report(plan, good, refused):
-    """Return the texts of these meshes' summary and report."""
+    """Return the texts of the summary and the report of the ``good`` meshes."""
     fields = {mesh: plan.entries[mesh].fields for mesh in good}
     meshes = {mesh: (plan.report_artifacts(mesh), fields[mesh]) for mesh in good}
     sections = mesh_sections(meshes, 1, silent_progress, _forget)
@@ -68,18 +68,18 @@ def _report(plan, good, refused):
 
 
 def _collection(plan, good, refused):
-    """Return the texts of the table and page of these meshes' collection."""
+    """Return the texts of the table and the page of the ``good`` meshes' collection."""
     meshes = {mesh: plan.report_artifacts(mesh) for mesh in good}
     rows = collection.collect(meshes, thread_count(), silent_progress, _forget)
     return collection.to_csv(rows, refused), collection.build(rows, refused)
 
 
 def _forget(path, digest):
-    """Record no input: a partial report is not a result."""
+    """Ignore an input, because a partial report records no inputs."""
 
 
 def was_stopped(plan, since):
-    """Return whether the user stopped a job of this run, in which case nothing has failed."""
+    """Return whether the user stopped a job of the run that began at time ``since``."""
     logs = Path(plan.folder, "logs").rglob("*.log")
     return any(
         INTERRUPTED in path.read_text(encoding="utf-8", errors="replace")
@@ -89,7 +89,7 @@ def was_stopped(plan, since):
 
 
 def last_words(plan, mesh):
-    """Return the error that a mesh's last failed job has logged, or an empty string."""
+    """Return the error message of a mesh's last failed job, or an empty string."""
     logs = sorted(
         Path(plan.folder, "logs", mesh).glob("*.log"), key=lambda path: path.stat().st_mtime
     )

@@ -1,6 +1,6 @@
-"""The chain check: does every result in results/ belong to this configuration and this code?
+"""The chain check: verifies that all results belong to this configuration and this code.
 
-It trusts only the artifacts themselves, neither modification times nor Snakemake's
+The check uses only the artifacts themselves, not modification times or Snakemake's
 records.
 """
 
@@ -25,7 +25,7 @@ from pandis.runtime.field.files import read_provenance
 
 
 def demand_files(store):
-    """Raise if the results are in an object store: only files can be checked."""
+    """Raise if the results are in an object store, because only local files can be checked."""
     if store:
         raise PandisError(
             f"verify reads files, but these results are in {store}: fetch its results folder, "
@@ -34,7 +34,7 @@ def demand_files(store):
 
 
 def verify(plan, log):
-    """Check the outputs of a plan: all, or, if only named targets were run, those of the targets.
+    """Check the outputs of a plan; if only named targets were run, check only theirs.
 
     Parameters
     ----------
@@ -70,14 +70,14 @@ def verify(plan, log):
         stages = ", ".join(dict.fromkeys(output.stage for output in later))
         log(f"not built so far, and not checked: {len(later)} results ({stages})")
     log(f"all {total} results are whole and belong to this configuration and code")
-    log(f"described in {write_crate(plan.folder, outputs, checker.provenance)}")
+    log(f"the results are described in {write_crate(plan.folder, outputs, checker.provenance)}")
 
 
 def asked_for(plan):
-    """Return the outputs that a run should have built, and those left for a later run.
+    """Return the outputs that a run should have built, and those that were not requested.
 
-    If a final output exists, the run was complete, and all outputs are due. Otherwise stages
-    without any output were not requested.
+    If a final output exists, the run was complete, and all outputs should exist. Otherwise,
+    stages without any output were not requested.
 
     Returns
     -------
@@ -105,14 +105,14 @@ def left_over(plan):
 
 
 def remedy(plan, faults):
-    """Return the commands that repair results, from pairs of an output and its fault.
+    """Return the commands that repair results, given pairs (output, fault).
 
-    A lost or damaged file is rebuilt alone. Everything except durations is rebuilt to the same
-    bytes, and then nothing that depends on the file runs again.
+    A lost or damaged file is rebuilt alone. Its bytes are the same as before, unless it contains
+    durations, so results that depend on it do not have to be rebuilt.
     """
     common = f"-j2{_configfiles(plan)}"
     stale = [output for output, fault in faults if fault.startswith(_STALE)]
-    # results that lack only an input are valid again once it is restored
+    # results whose only fault is an input are valid again once the input is restored
     apart = (*_STALE, _WAITS)
     lost = [output for output, fault in faults if not fault.startswith(apart)]
     commands = []
@@ -132,7 +132,7 @@ def remedy(plan, faults):
     return "\n".join(commands)
 
 
-#: Beginnings of the faults of intact results that do not belong to this configuration and code.
+#: Prefixes of fault messages: of results with a faulty input, and of intact but outdated results.
 _WAITS = "its input"
 _STALE = ("stale", "is another result", "differs", "leaves out")
 
@@ -146,12 +146,12 @@ class Checker:
 
     def __init__(self, plan):
         self.plan = plan
-        #: Stored provenance by path of output.
+        #: Stored provenance, by output path.
         self.provenance = {}
         self._digests = {}
 
     def fault(self, output):
-        """Return an output's fault, or None."""
+        """Return a description of an output's fault, or None."""
         path = Path(output.path)
         if output.stage == "refuse":
             return f"refused: {self.plan.refused[output.wildcards['mesh']]}"
@@ -201,7 +201,7 @@ class Checker:
         return None
 
     def _source(self, mesh):
-        """Return the current digest of a source's files, bypassing the plan's cached digests."""
+        """Return the current digest of a source's files, without the plan's cached digests."""
         entry = self.plan.entries[mesh]
         if url_extension(entry.source):
             return entry.sha256.lower()
@@ -222,7 +222,7 @@ class Checker:
         return None if same else "differs from the artifacts it summarises"
 
     def _collection(self, path):
-        """Return the fault of collection.csv, or None; the page beside it stores its digest."""
+        """Return the fault of collection.csv, or None; collection.html stores its digest."""
         try:
             expected = read_seal(path.with_suffix(".html")).get("table")
         except (PandisError, OSError):
@@ -267,10 +267,10 @@ class Checker:
     def _digest(self, name):
         if name not in self._digests:
             path = Path(name)
-            # a source has no provenance, even if it has the suffix of an export
+            # sources have no provenance, even with the suffix of an export
             is_result = Path(self.plan.folder) in path.parents
             try:
-                # open exports first, so that a damaged one is not reported as changed
+                # open exports first, so that a damaged export is not reported as changed
                 if not is_result or self._provenance(path) is None or path.suffix != ".zip":
                     self._digests[name] = file_digest(path)
             except (PandisError, OSError):
@@ -279,13 +279,13 @@ class Checker:
 
 
 def _without_builds(data):
-    """Return the rows of a summary without build times, which no artifact confirms."""
+    """Return the rows of a summary without build times, which artifacts cannot confirm."""
     rows = list(csv.DictReader(data.decode("utf-8", "replace").splitlines()))
     return [{k: v for k, v in row.items() if k != "build_s"} for row in rows]
 
 
 def _differences(one, other):
-    """Return the names of the options that differ; those of a recipe as `recipe.steps`."""
+    """Return the names of the options that differ; nested ones are dotted, like `recipe.steps`."""
     names = []
     for key in sorted(set(one) | set(other)):
         before, after = one.get(key), other.get(key)

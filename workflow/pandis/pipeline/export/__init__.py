@@ -1,1 +1,1 @@
-"""Exports of fields for other programs, each checked before it counts."""
+"""Exports of fields for other programs; those for MuJoCo, Newton and VDB are checked."""

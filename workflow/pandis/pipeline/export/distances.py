@@ -1,10 +1,10 @@
-"""Selects fields that know distances, for programs that need them."""
+"""Selects fields with distances, for programs that require them."""
 
 from pandis.base.errors import PandisError
 
 
 def with_distances(fields, log):
-    """Return the fields that know distances, and log those that do not.
+    """Return the fields that have distances, and log those that do not.
 
     Parameters
     ----------
@@ -14,15 +14,15 @@ def with_distances(fields, log):
     Raises
     ------
     PandisError
-        No field does.
+        No field has distances.
     """
     for field in fields:
         if not field.has_distance:
-            log(f"{field.path.stem}: left out: a grid of forces knows no distance outside")
+            log(f"{field.path.stem}: left out: a grid of forces has no distances outside")
     good = [field for field in fields if field.has_distance]
     if not good:
         raise PandisError(
-            "all fields are grids of forces, which know no distance outside: name another one in "
-            "fields, or take this format out of export.also"
+            "all fields are grids of forces, which have no distances outside: add another field to "
+            "fields, or remove this format from export.also"
         )
     return good

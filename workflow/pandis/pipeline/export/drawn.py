@@ -4,7 +4,7 @@ from pandis.base.obj import obj_text
 
 
 def export_mesh(body):
-    """Return the bytes of a mesh in its own units, every number to the last bit.
+    """Return the bytes of an ``.obj`` file in mesh units; no coordinate is rounded.
 
     Parameters
     ----------

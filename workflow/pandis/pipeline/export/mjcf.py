@@ -1,4 +1,4 @@
-"""A model for MuJoCo: every field of a mesh is a geom, and its distances there are compared."""
+"""Exports a MuJoCo model with one geom per field, and compares MuJoCo's distances."""
 
 import os
 import tempfile
@@ -14,12 +14,12 @@ from pandis.pipeline.export.distances import with_distances
 from pandis.runtime.field import NativeField
 from pandis.runtime.scene import Placed
 
-#: Objects lie in a row, half of their size apart.
+#: Distance between the origins of neighbouring objects in the row, as a multiple of their size.
 _PITCH = 1.5
 #: Points compared for each field, and their largest coordinate (unit frame).
 _POINTS, _REACH = 2000, 1.3
-#: Largest difference of answers, as a share of the size: MuJoCo stores the place of a mesh in its
-#: own rounded numbers.
+#: Largest difference of distances, as a share of the size. It is not 0, because MuJoCo rounds the
+#: position of a mesh.
 _CLOSE = 1e-9
 
 
@@ -29,11 +29,11 @@ def export_mjcf(model, paths, drawn, size, log):
     Parameters
     ----------
     model : str
-        Its name.
+        Name of the model.
     paths : list of path-like
-        Files for ``pandis.h``.
+        Field files for ``pandis.h``.
     drawn : path-like
-        Their common mesh, as ``.obj``.
+        Mesh of all fields, an ``.obj`` file.
     size : float
         Longest side of an object, m.
     log : callable
@@ -41,7 +41,7 @@ def export_mjcf(model, paths, drawn, size, log):
     Raises
     ------
     PandisError
-        No field has distances, or MuJoCo's differ from the library's.
+        No field has distances, or MuJoCo's distances differ from the library's.
     """
     fields = with_distances([NativeField(path) for path in paths], log)
     placed = {
@@ -55,12 +55,12 @@ def export_mjcf(model, paths, drawn, size, log):
         log(f"the model is not compared with MuJoCo: {error}")
     else:
         off = _differences(text, placed, size)
-        log(f"MuJoCo has the library's distances and gradients: {off:.1g} of the size apart")
+        log(f"MuJoCo's distances and gradients match the library's: off by {off:.1g} of the size")
     return text
 
 
 def _differences(text, placed, size):
-    """Return the largest error of a model's distances in MuJoCo, and refuse a large one."""
+    """Return the largest error of MuJoCo's distances over all fields (share of the size)."""
     here = os.getcwd()
     with tempfile.TemporaryDirectory() as folder:
         os.chdir(folder)  # MuJoCo writes its warnings here
@@ -71,7 +71,7 @@ def _differences(text, placed, size):
 
 
 def _queries(text, placed):
-    """Yield each field's name, its placement, its geom, and a function that queries MuJoCo."""
+    """Yield each field's name, placement and geom, and a function that queries MuJoCo."""
     import mujoco
 
     try:
@@ -83,12 +83,12 @@ def _queries(text, placed):
 
 
 def _off(name, each, geom, ask, size):
-    """Return the largest difference of a field's distances, as a share of the size."""
+    """Return the largest error of a field's distances (share of the size); raise if it is large."""
     rng = np.random.default_rng(0)
     points = each.field.frame.to_mesh(rng.uniform(-_REACH, _REACH, (_POINTS, 3)))
     expected = each.field.query(points)
     distance, gradient = ask((each.scale * points - geom.origin) @ geom.turn)
-    # a point's last bit may change which of two faces is nearest, but only at few points
+    # rounding a point may change which of two faces is nearest, but only at few points
     turned = np.abs(gradient @ geom.turn.T - expected.normal).max(axis=1)
     off = float(np.abs(distance - each.scale * expected.distance).max() / size)
     if not (off <= _CLOSE and np.percentile(turned, 99) <= 1e-4):  # NaN fails too

@@ -1,4 +1,4 @@
-"""A mesh's distances for Newton's cache, compared with the exact ones before they are written."""
+"""Exports a mesh's distances for Newton's cache, after comparing them with the exact ones."""
 
 import numpy as np
 
@@ -12,11 +12,11 @@ from pandis.pipeline.kinds.native import native_bytes
 from pandis.pipeline.run.job.artifact import seal_zip
 from pandis.runtime.field import NativeField
 
-#: Voxels along the longest side, and Newton's margin and band, as shares of the size.
+#: Voxels along the longest side; Newton's margin and band, as shares of the size.
 _RESOLUTION, _MARGIN, _BAND = 128, 0.05, 0.1
-#: Points compared, and how near the surface errors are reported, as a share of the size.
+#: Points compared; errors within this distance of the surface (share of the size) are logged.
 _POINTS, _NEAR = 100_000, 0.01
-#: Largest mean error of distances in the band, in cell diagonals.
+#: Largest accepted mean error of distances in the band, in cell diagonals.
 _MEAN = 0.05
 
 
@@ -36,7 +36,7 @@ def export_newton(body, size, provenance, log, progress):
     Raises
     ------
     PandisError
-        What Newton would interpolate is farther from the exact distance than its resolution
+        Newton's interpolated distances differ from the exact ones by more than its resolution
         explains.
     """
     field = NativeField(native_bytes(ExactField("exact", body), {}))
@@ -45,7 +45,7 @@ def export_newton(body, size, provenance, log, progress):
         "margin": _MARGIN * size,
         "narrow_band_range": (-_BAND * size, _BAND * size),
         "texture_format": "uint16",
-        "sign_method": "winding",  # whether or not Newton takes the mesh to be closed
+        "sign_method": "winding",  # independent of whether Newton considers the mesh closed
     }
     length = size * body.frame.scale / UNIT_SIDE
     reports = {}
@@ -59,20 +59,20 @@ def export_newton(body, size, provenance, log, progress):
 
 
 def _compare(content, field, length, size, log):
-    """Compare what Newton interpolates with the exact distance, wherever the grid reaches."""
+    """Compare Newton's interpolated distances with exact ones within the extents of the grid."""
     rng = np.random.default_rng(0)
     points = rng.uniform(content["min_extents"], content["max_extents"], (_POINTS, 3))
     exact = field.query(points / length).distance * length
     off, exact = np.abs(sample(content, points)[0] - exact), np.abs(exact)
-    # a distance changes no more than the point moves; only in the band are nodes fine
+    # a distance changes no more than the point moves, and only the band has fine cells
     cell = float(np.linalg.norm(content["cell_size"]))
     band = exact < _BAND * size
     bound = np.where(band, cell, CELLS * cell)
-    # only edges and creases are off by a part of a cell: they are few
+    # errors of a sizeable part of a cell occur only at edges and creases, which are few
     if not ((off <= bound).all() and off[band].mean() <= _MEAN * cell):
         raise PandisError(
-            f"what Newton interpolates is {float(off.max()):.3g} m from the exact distance: this "
-            "is a defect of the export: please report it"
+            f"Newton's interpolated distances are off by up to {float(off.max()):.3g} m: this is a "
+            "defect of the export: please report it"
         )
     near = exact < _NEAR * size
     log(

@@ -1,4 +1,4 @@
-"""Fields of a mesh as grids of one ``.vdb`` file, read back before it is written."""
+"""Exports a mesh's fields as grids of one ``.vdb`` file, which is checked before it is written."""
 
 import numpy as np
 
@@ -11,7 +11,7 @@ from pandis.runtime.field import NativeField
 
 #: Width of the band of distances on each side of the surface, in voxels.
 _BAND = 3.0
-#: Points per query.
+#: Points per query, and points drawn to check the leaves.
 _CHUNK = 1 << 18
 
 
@@ -21,13 +21,13 @@ def export_volumes(paths, log):
     Parameters
     ----------
     paths : list of path-like
-        Files for ``pandis.h``.
+        Field files for ``pandis.h``.
     log : callable
 
     Raises
     ------
     PandisError
-        No field has distances, or those in the file differ.
+        No field has distances, or the file's distances differ from those of its field.
     """
     fields = with_distances([NativeField(path) for path in paths], log)
     low, high = fields[0].bounds
@@ -48,12 +48,12 @@ def export_volumes(paths, log):
         if grid := read.get(field.path.stem):
             _compare(field, grid)
             count = int(grid.active.sum())
-            log(f"{field.path.stem}: {count:,} voxels of {voxel:.3g}, equal to its answers")
+            log(f"{field.path.stem}: {count:,} voxels of {voxel:.3g}, equal to its distances")
     return data
 
 
 def _compare(field, grid):
-    """Refuse voxels whose values or signs differ from the field's, or that miss its surface."""
+    """Raise if values or signs differ from the field's, or if voxels omit part of its surface."""
     side = grid.active.shape[1]
     local = np.stack(np.meshgrid(*[np.arange(side)] * 3, indexing="ij"), axis=-1)
     points = (grid.origins[:, None] + local.reshape(-1, 3)).reshape(-1, 3) * grid.voxel
@@ -62,7 +62,7 @@ def _compare(field, grid):
     expected = np.clip(distance, -grid.background, grid.background).astype(np.float32)
     if not np.array_equal(grid.values, expected):
         raise PandisError(
-            f"{field.path.stem}: the volume holds other distances than the field: this is a defect "
+            f"{field.path.stem}: the volume's distances differ from the field's: this is a defect "
             "of the export: please report it"
         )
     low, high = grid.origins.min(axis=0), grid.origins.max(axis=0) + side
@@ -77,7 +77,7 @@ def _compare(field, grid):
 
 
 def _check_leaves(field, grid):
-    """Refuse leaves that miss part of the surface."""
+    """Raise unless the leaves cover all sampled voxels near the surface."""
     rng = np.random.default_rng(0)
     low, high = field.bounds
     voxels = np.rint(rng.uniform(low, high, (_CHUNK, 3)) / grid.voxel).astype(int)
@@ -87,6 +87,6 @@ def _check_leaves(field, grid):
     blocks = np.unique(np.floor_divide(voxels[near], side) * side, axis=0)
     if not origins.issuperset(map(tuple, blocks.tolist())):
         raise PandisError(
-            f"{field.path.stem}: the volume lacks a part of the surface: this is a defect of the "
+            f"{field.path.stem}: the volume omits part of the surface: this is a defect of the "
             "export: please report it"
         )

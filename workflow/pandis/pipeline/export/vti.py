@@ -1,7 +1,7 @@
-"""Grids to VTK image data (``.vti``), for ParaView and 3D Slicer, and back.
+"""Writes and reads grids as VTK image data (``.vti``), for ParaView and 3D Slicer.
 
-VTK's XML format: https://docs.vtk.org, ImageData, points ordered x fastest,
-appended raw data with 64-bit lengths. Lengths are in mesh units, distances
+VTK's XML format (https://docs.vtk.org): ImageData, points ordered x fastest,
+appended raw data with 64-bit lengths. Lengths are in mesh units; distances are
 negative inside.
 """
 
@@ -27,12 +27,12 @@ def write_vti(origin, spacing, arrays, note=None):
     Parameters
     ----------
     origin : sequence of 3 float
-        Position of the first node.
+        Position of the first node, mesh units.
     spacing : sequence of 3 float
     arrays : dict of str to ndarray, shape (x, y, z) or (x, y, z, 3)
         float32 or uint8.
     note : object
-        JSON, put into a comment. The last comment is the SHA-256 of everything before it.
+        Stored as JSON in a comment. The last comment is the SHA-256 of everything before it.
     """
     shape = next(iter(arrays.values())).shape[:3]
     extent = " ".join(f"0 {n - 1}" for n in shape)
@@ -49,7 +49,7 @@ def write_vti(origin, spacing, arrays, note=None):
         offset += 8 + len(data)
     where = " ".join(repr(float(x)) for x in origin)
     steps = " ".join(repr(float(x)) for x in spacing)
-    # two dashes would end the comment
+    # XML does not allow two dashes within a comment
     text = json.dumps(note, sort_keys=True).replace("--", "\\u002d\\u002d")
     head = (
         '<?xml version="1.0"?>\n'
@@ -65,12 +65,12 @@ def write_vti(origin, spacing, arrays, note=None):
 
 
 def read_note(path):
-    """Return the note of a ``.vti`` file, after checking that no byte of it has changed.
+    """Return the note of a ``.vti`` file, after verifying its checksum.
 
     Raises
     ------
     PandisError
-        It is damaged.
+        The file is damaged.
     """
     with open(path, "rb") as stream:
         data, mark, digest = stream.read().rpartition(_MARK)
@@ -91,7 +91,7 @@ def read_vti(path):
     Raises
     ------
     PandisError
-        It is no such file, or truncated.
+        The file was not written by `write_vti`, or is truncated.
     """
     with open(path, "rb") as stream:
         data = stream.read()
@@ -120,7 +120,7 @@ def read_vti(path):
 
 
 def export_vti(name, artifact, provenance):
-    """Return a grid field as VTK image data: at its own nodes, in mesh units.
+    """Return a grid field, sampled at its own nodes, as VTK image data in mesh units.
 
     Parameters
     ----------
@@ -128,12 +128,12 @@ def export_vti(name, artifact, provenance):
     artifact : pandis.pipeline.run.job.artifact.Artifact
         Artifact of kind ``grid``.
     provenance : dict
-        Put into a comment.
+        Stored in a comment.
     """
     spec = known_field(name)
     field = kind_module(spec.kind, "reference").open_field(spec, artifact)
     grid = GridRecord.of(artifact)
-    # a spline has several lattices: it is sampled on the cube
+    # a spline has several lattices, so it is sampled on the cube
     axes = getattr(field, "axes", Axes.of_cube(grid.size))
     origin = field.frame.to_mesh(np.array(axes.low))
     note = {"field": name, "provenance": provenance}
@@ -141,7 +141,7 @@ def export_vti(name, artifact, provenance):
 
 
 def grid_arrays(field, axes):
-    """Return a field's answers at the nodes of a grid, for `write_vti`, in mesh units.
+    """Return a field's values at the nodes of a grid, for `write_vti`, in mesh units.
 
     Parameters
     ----------
@@ -151,8 +151,8 @@ def grid_arrays(field, axes):
     Returns
     -------
     dict of str to ndarray
-        ``distance`` (n, n, n), ``normal`` (n, n, n, 3), float32; ``flag`` uint8: 0 where the
-        field covers the node, 1 where the distance is an estimate beyond its band.
+        ``distance`` (n, n, n) and ``normal`` (n, n, n, 3), float32; ``flag`` (n, n, n), uint8:
+        0 where the field covers the node, 1 where the distance is an estimate beyond its band.
     """
     size = axes.size
     x_axis, *others = (np.linspace(low, high, size) for low, high in zip(*axes[1:], strict=True))

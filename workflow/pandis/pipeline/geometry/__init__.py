@@ -1,1 +1,1 @@
-"""A body in its frame: exact distance, points on and below it, thickness, probe paths."""
+"""Geometry of a body: exact distance, points on and below its surface, thickness, probe paths."""

@@ -1,7 +1,7 @@
 """The body: one object with its frame, its exact distance and its surface.
 
-Code that needs exact data of an object uses a `Body`, opened from the mesh stage's artifact or made
-from plain arrays. Its members are the same for a mesh and for a closed form.
+A `Body` provides the exact data of an object. It is opened from the mesh stage's artifact or made
+from plain arrays. A mesh and a closed form have the same members.
 """
 
 from functools import cached_property
@@ -16,7 +16,7 @@ from pandis.pipeline.geometry.shapes import find_shape
 
 
 class Regions(NamedTuple):
-    """Materials of the faces: an index for each face, shape (F,), and the materials' names."""
+    """Materials of the faces: each face's index (F,) into the materials, and their names."""
 
     of_face: np.ndarray
     names: tuple
@@ -30,7 +30,7 @@ class Body:
     vertices : ndarray, shape (V, 3), float64, mesh units
     faces : ndarray, shape (F, 3), integer
     frame : Frame, optional
-        By default that of the bounding box.
+        By default the frame of the bounding box.
     shape : str, optional
         Name of the closed form (`pandis.pipeline.geometry.shapes`) that the mesh approximates.
     regions : Regions, optional
@@ -63,14 +63,14 @@ class Body:
 
     @cached_property
     def surface(self):
-        """The `Surface` from which points are drawn; on a closed form they are exact."""
+        """The `Surface` from which points are drawn; points on a closed form are exact."""
         if self.shape:
             return Surface(self.corners, self.faces, self.distance)
         return Surface(self.distance.vertices, self.distance.faces)
 
     @property
     def bytes(self):
-        """Memory that pandis.h needs for exact answers; a formula needs none."""
+        """Bytes of memory that pandis.h needs for exact distances; a closed form needs none."""
         return 0 if self.shape else self.distance.tree_bytes
 
     @property
@@ -88,5 +88,5 @@ class Body:
 
     @property
     def can_be_scanned(self):
-        """Whether there are faces to scan: a closed form has none."""
+        """Whether `scan` is possible: a closed form has no faces."""
         return not self.shape

@@ -1,12 +1,12 @@
 """Exact signed distance and direction in float64, the reference for all fields.
 
 An engine works in the unit frame. For a mesh it searches a tree over the faces
-(`pandis.engine.bvh`) for the closest point. The sign is that of the angle-weighted
-pseudonormal there (Bærentzen & Aanæs 2005). At every point it is compared with the
-winding number. Where they differ, the exact winding number decides; more than a few
+(`pandis.engine.bvh`) for the closest point. The sign follows from the angle-weighted
+pseudonormal there (Bærentzen & Aanæs 2005) and is compared with the winding number at
+every point. Where they differ, the exact winding number decides; more than a few
 such points stop the stage, because the mesh is unsound. The direction is from the
 closest point to the query (reversed inside); on the surface it is the pseudonormal.
-For a closed-form shape everything comes from its formula.
+For a closed-form shape, a formula provides distance and direction.
 """
 
 import numpy as np
@@ -15,15 +15,15 @@ from pandis.base.arrays import Flags, Points
 from pandis.base.errors import PandisError
 from pandis.engine.bvh import INVALID, ON_SURFACE, TIED, Bvh, Labels
 
-#: Closer than this (unit frame) the quotient (q - c) / d has lost too many digits.
+#: At distances d up to this (unit frame), the direction (q - c) / d has too few accurate digits.
 SURFACE_DISTANCE = 1e-9
-#: Two closest points tie if their distances differ by at most this share …
+#: Largest relative difference between the distances of two tied closest points.
 TIE_DISTANCE = 1e-3
-#: … and their directions by more than this (radians).
+#: Smallest angle between the directions to two tied closest points (radians).
 TIE_ANGLE = np.radians(10)
 #: Share of signs that the winding number may overrule before the mesh counts as unsound.
 MAX_OVERRULED = 1e-5
-#: Points per batch, to bound the memory of a call.
+#: Points per batch, which bounds the memory of a call.
 CHUNK = 1 << 20
 
 
@@ -38,7 +38,7 @@ class MeshDistance:
     Raises
     ------
     PandisError
-        There is no C compiler: the tree's code is compiled on first use.
+        There is no C compiler to compile the tree's code on first use.
     """
 
     def __init__(self, vertices, faces):
@@ -55,7 +55,7 @@ class MeshDistance:
         points : ndarray, shape (n, 3), unit frame
             Points that are not finite are flagged, and their distances are NaN.
         ties : bool
-            Look for second closest points.
+            Search for a second closest point.
         check : bool
             Compare the signs with the winding number.
 
@@ -77,8 +77,8 @@ class MeshDistance:
         if self._tree.overruled > allowed:
             raise PandisError(
                 f"the signs of {self._tree.overruled:,} of {self._checked:,} points by the mesh's "
-                "pseudonormals contradict its winding number: it is not closed, or folds over "
-                "itself, and the repair missed it; let the repair rebuild it (mesh.rungs: "
+                "pseudonormals contradict its winding number: the mesh is not closed, or folds "
+                "over itself, and repair did not detect this; let repair rebuild it (mesh.rungs: "
                 "[remesh])"
             )
         return labels
@@ -153,7 +153,7 @@ class ShapeDistance:
         self.shape, self.frame = shape, frame
 
     def label(self, points: Points, ties=True, check=True):
-        """Return labels as `MeshDistance.label` does; a formula has no faces.
+        """Return labels as `MeshDistance.label` does, without faces and closest points.
 
         A point has two closest points if the direction turns by more than `TIE_ANGLE`
         within a step of `TIE_DISTANCE` times the distance.

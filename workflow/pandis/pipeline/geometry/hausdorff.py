@@ -1,11 +1,11 @@
-"""Upper bounds of the distance between two meshes, by branch and bound instead of sampling.
+"""Upper bounds of the distance from a surface to a mesh, found by branch and bound.
 
 The distance to a triangle is a convex function, so on another triangle it is largest at a corner.
 No point of a triangle is therefore farther from a mesh than the farthest of its corners is from any
 one face of the mesh. Where that bound is too loose, the triangle is cut along the prism over the
-face nearest to its centroid. The part over the face is bounded by its corners, and the rest is
-compared with the neighbouring faces, however small they are. A triangle that no prism cuts is split
-into four.
+face nearest to its centroid. The corners of the part inside the prism bound its distance. The other
+parts are compared with the neighbouring faces, however small these are. A triangle whose centroid
+is outside its prism is split into four.
 """
 
 from typing import NamedTuple
@@ -14,16 +14,16 @@ import numpy as np
 
 from pandis.engine.threads import SMALL, in_threads
 
-#: The bound is at most this many times the largest computed distance. The smaller factor applies
-#: until _FEW triangles have been examined.
+#: Largest ratios of the bound to the largest computed distance. The smaller one applies until _FEW
+#: triangles have been examined.
 _TIGHT, _LOOSE, _FEW = 1.1, 1.8, 200_000
-#: Margin of a prism around its face, as a share of that distance, by factor.
+#: Margin of a prism around its face, as a share of the largest computed distance, by ratio.
 _WIDER = {_TIGHT: 0.25, _LOOSE: 1.0}
-#: Triangles with bounds below this (unit frame) are not divided any further.
+#: Triangles with bounds up to this (unit frame) are not divided any further.
 _FLOOR = 1e-7
-#: Most triangles to examine; after that the bound is returned as it is.
+#: Maximum number of triangles to examine; then the current bound is returned.
 _MOST = 4_000_000
-#: Triangles per task: few enough that their distance query starts no threads.
+#: Triangles per task, too few for their distance query to start threads.
 _CHUNK = SMALL - 1
 
 
@@ -41,9 +41,9 @@ def farthest(vertices, faces, engine):
     Returns
     -------
     float
-        No point of the surface is farther from the mesh (unit frame). Some point is more than half
-        as far, in most cases nine tenths, unless the bound is below 1e-7 or too many triangles had
-        to be examined.
+        Upper bound (unit frame). Some point of the surface is more than half as far from the mesh,
+        usually nine tenths as far, unless the bound is at most 1e-7 or too many triangles had to be
+        examined.
     """
     left = np.asarray(vertices, np.float64)[faces]
     used = np.asarray(vertices, np.float64)[np.unique(faces)]
@@ -68,7 +68,7 @@ def farthest(vertices, faces, engine):
         most = max(most, float(above[settled].max(initial=0.0)))
         wider = _WIDER[times] * max(least, _FLOOR)
         over, beside = _cut_over(left[~settled], faces_below[~settled], wider)
-        # parts over a face are settled, unless they are far from it: another one may be nearer
+        # parts over a face are settled unless they are far from it: another face may be nearer
         far = over.above > enough
         most = max(most, float(over.above[~far].max(initial=0.0)))
         left = np.concatenate([beside, _quarters(over.triangles[far])])
@@ -93,7 +93,7 @@ def _corners_apart(triangles, faces):
 
 
 class _Over(NamedTuple):
-    """Triangles over one face each, and upper bounds of their distances to it."""
+    """Triangles that are each over one face, and upper bounds (n,) of their distances to it."""
 
     triangles: np.ndarray
     above: np.ndarray
@@ -142,7 +142,7 @@ def _split(triangles, height):
     -------
     above, below : ndarray, shape (m, 3, 3)
     owner : ndarray
-        For each of those above, the index of the triangle it was cut from.
+        For each triangle above, the index of the triangle from which it was cut.
     """
     high = height >= 0
     count = high.sum(axis=1)
@@ -183,7 +183,7 @@ def distance_to_triangles(points, triangles):
     u, v = triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0]
     away, normal = points - triangles[:, 0], np.cross(u, v)
     area = np.maximum(_dot(normal, normal), 1e-300)
-    solid = _dot(normal, normal) > 1e-24 * _dot(u, u) * _dot(v, v)  # else use its edges only
+    solid = _dot(normal, normal) > 1e-24 * _dot(u, u) * _dot(v, v)  # otherwise use only the edges
     s, t = _dot(np.cross(away, v), normal) / area, _dot(np.cross(u, away), normal) / area
     height = np.abs(_dot(normal, away)) / np.sqrt(area)
     inside = solid & (s >= 0) & (t >= 0) & (s + t <= 1)

@@ -1,9 +1,9 @@
 """Measures force errors at points that a probe can reach, and how much surface is missing.
 
-Pressed deeper than half the thickness of a wall, a probe comes out on the other side, where every
+A probe pressed deeper than half the thickness of a wall comes out on the other side, where every
 field is right. So points are at most nine tenths of the inscribed radius below the surface, however
-thin the part. A mean hides a field that is wrong in one place. So two shares of the surface are
-measured as well: where the force is *missing*, and where the difference can be *felt*.
+thin the part. A mean error can hide a field that is wrong in one place. So two shares of the
+surface are also measured: where the force is *missing*, and where the difference can be *felt*.
 """
 
 from typing import NamedTuple
@@ -15,9 +15,9 @@ from pandis.pipeline.geometry.sampling import PROBE_DEPTHS, blue_noise
 from pandis.pipeline.geometry.shares import THINNEST, Probes, differences, shares
 from pandis.pipeline.geometry.thickness import are_walls, inscribed_radius
 
-#: Largest depth of points, as a share of the inscribed radius: just before the force reverses.
+#: Largest depth of points, as a share of the inscribed radius; the force reverses beyond 1.
 OF_RADIUS = 0.9
-#: Largest depths (unit frame) of the contact sets, by their names in tables.
+#: Largest depths (unit frame) of the contact sets, by name in tables.
 SETS = {f"contact-{name}": depth for name, depth in PROBE_DEPTHS.items()}
 
 
@@ -27,9 +27,9 @@ class ContactSet(NamedTuple):
     Attributes
     ----------
     sets : dict of str to Probes
-        By name in `SETS`, with depths uniform in [0, min(D, 0.9 r)].
+        By name in `SETS`, whose value is D; depths are uniform in [0, min(D, 0.9 r)].
     pressed : Probes
-        Below the same surface points, at the depth min(0.04, 0.9 r).
+        Points below the same surface points, at a depth of min(0.04, 0.9 r).
     left_out : float
         Share of the area on walls thinner than `pandis.pipeline.geometry.shares.THINNEST`.
     """
@@ -49,10 +49,10 @@ def draw_contacts(surface, engine, scale, count, rng, even=False):
         The exact distance of a `pandis.pipeline.geometry.body.Body`.
     scale : pandis.base.physical.Scale
     count : int
-        Number of surface points; those left out are not replaced.
+        Number of surface points; points on too thin walls are left out and not replaced.
     rng : numpy.random.Generator
     even : bool
-        Draw blue noise: surface points that keep apart.
+        Whether to draw surface points as blue noise, which is more evenly spaced.
 
     Returns
     -------
@@ -82,7 +82,7 @@ def draw_contacts(surface, engine, scale, count, rng, even=False):
 
 
 def too_thin(radius: Values, wall: Flags, scale) -> Flags:
-    """Return which places (n,) are walls too thin to be judged, by their inscribed radii."""
+    """Return a mask (n,) of walls whose inscribed radius is too small for them to be judged."""
     return wall & (2 * radius < THINNEST * scale.metre)
 
 
@@ -135,17 +135,17 @@ def promise(force_at, contacts):
     Parameters
     ----------
     force_at, contacts
-        As for `contact_errors`. For a promise, these must not be the points on which the field was
-        chosen.
+        As for `contact_errors`. For a promise, the points must differ from those on which the field
+        was chosen.
 
     Returns
     -------
     figures : dict
-        ``mean``, ``p99``, ``missing``: as measured; ``left_out``: the share of the area that is too
-        thin to be judged.
+        ``mean``, ``p99`` and ``missing`` as measured; ``left_out``: the share of the area that is
+        too thin to be judged.
     upper : dict
-        The same plus two standard errors, so that another draw of points is unlikely to exceed
-        them.
+        The same figures plus two standard errors (``left_out`` unchanged), which another draw of
+        points is unlikely to exceed.
     """
     probes, pressed = contacts.sets["contact-deep"], contacts.pressed
     error = np.sort(np.linalg.norm(force_at(probes.points) - probes.force, axis=1))

@@ -1,4 +1,4 @@
-"""Surface points, equally many of every thickness, where devices and hands press."""
+"""Surface points for presses by devices and hands, equally many from each class of thickness."""
 
 from itertools import pairwise
 from typing import NamedTuple
@@ -9,12 +9,12 @@ from pandis.pipeline.geometry.measure import OF_RADIUS, too_thin
 from pandis.pipeline.geometry.shares import JUDGED
 from pandis.pipeline.geometry.thickness import are_walls, inscribed_radius
 
-#: Bounds, by share of area, of the classes of inscribed radius from which stratified points are
-#: drawn: the thinnest 0.5 % of the surface gets as many points as the thickest 60 %.
+#: Bounds (cumulative share of area) of the classes of inscribed radius for stratified points. The
+#: thinnest 0.5 % of the surface gets as many points as the thickest 60 %.
 _CLASSES = (0.0, 0.005, 0.02, 0.1, 0.4, 1.0)
-#: Radii are capped at this (unit frame): enough for 4 N on an object of 10 cm at 400 N/m.
+#: Upper limit of radii (unit frame): enough for 4 N on an object of 10 cm at 400 N/m.
 THICKEST = 0.2
-#: Candidates from which stratified points are picked.
+#: Number of candidates from which stratified points are chosen.
 _POOL = 20_000
 
 
@@ -40,7 +40,7 @@ class Stratified(NamedTuple):
     wall: np.ndarray
 
     def depth(self, deepest):
-        """Return the depth (n,) of a press there: 0.9 r, at most ``deepest``."""
+        """Return the depth (n,) of a press at each point: 0.9 r, at most ``deepest``."""
         return np.minimum(OF_RADIUS * self.radius, deepest)
 
 
@@ -52,17 +52,17 @@ def stratify(surface, engine, scale, count, rng, among="pushing"):
     surface, engine, scale, rng
         As for `draw_contacts`.
     count : int
-        About how many; rounded down to a multiple of the number of classes.
+        Approximate number of points; rounded down to a multiple of the number of classes.
     among : {"pushing", "judged", "all"}
-        Draw from the area where a press to 0.9 of the inscribed radius gives 0.05 N or more, so
-        that a penalty force can resist a hand; from all judged area, which includes thin walls; or
-        from all area, because a proxy lets a hand press anywhere. Walls too thin to be judged are
-        always left out.
+        ``pushing``: the area where a press to 0.9 of the inscribed radius produces at least 0.05 N,
+        so that a penalty force can resist a hand. ``judged``: also thin walls. ``all``: all area,
+        because with a proxy a hand can press anywhere. Walls too thin to be judged are always left
+        out.
 
     Returns
     -------
     Stratified
-        If there is no such area, points of the thickest hundredth: some points must be pressed.
+        If there is no such area, the points are from the thickest hundredth of all candidates.
     """
     feet, outward, _, _ = surface.draw(_POOL, rng)
     radius = inscribed_radius(engine, feet, outward, THICKEST)

@@ -1,7 +1,7 @@
 """Points on which fields are chosen, and separate points on which the choice is judged.
 
-The field that is best on some points looks better there than elsewhere. So no promise rests on the
-points of the choice.
+The field that is best on some points has smaller errors there than elsewhere. So promised errors
+are not measured on the points used for the choice.
 """
 
 from functools import cached_property
@@ -14,10 +14,10 @@ from pandis.pipeline.geometry.measure import draw_contacts, promise
 from pandis.pipeline.geometry.sampling import HELD_OUT
 from pandis.pipeline.run.ask.budget import Limits, describe_figures, describe_force
 
-#: Number of points that a promise rests on.
+#: Number of points on which promised errors are measured.
 PROMISED = 2 * HELD_OUT
-#: Streams of random numbers. Streams of training points have two numbers after the seed, and a
-#: trailing zero does not change a stream. So these have three, and the last is not zero.
+#: Numbers after the seed that select random streams. Training points use two, and a trailing zero
+#: does not change a stream. So these are three numbers, of which the last is not zero.
 _CHOOSING, _PROMISING = (11, 0, 1), (12, 0, 1)
 
 
@@ -27,12 +27,12 @@ class Measured(NamedTuple):
     Attributes
     ----------
     figures : dict
-        ``mean``, ``p99``, ``missing``: measured on the points that promises rest on, or, if the
-        candidate was rejected on the points of the choice, on those.
+        ``mean``, ``p99`` and ``missing``, measured on the points for promises, or on the points
+        for the choice if the candidate was rejected there.
     why : str
-        Why it does not meet the limits; empty if it does.
+        Reason why the candidate does not meet the limits; empty if it does.
     excess : float
-        Largest ratio of an error to its limit; 1 or less if it meets them.
+        Largest ratio of an error to its limit; at most 1 if the candidate meets the limits.
     """
 
     figures: dict
@@ -41,7 +41,7 @@ class Measured(NamedTuple):
 
 
 class Points:
-    """Points on which fields of one mesh are chosen, and points that promises rest on.
+    """Points on which fields of one mesh are chosen, and points for promised errors.
 
     Parameters
     ----------
@@ -62,7 +62,7 @@ class Points:
 
     @cached_property
     def promising(self):
-        """The contact set that promises rest on."""
+        """The contact set on which promised errors are measured."""
         return self._draw(PROMISED, _PROMISING)
 
     def _draw(self, count, stream):
@@ -84,13 +84,13 @@ class Points:
         return describe_figures(figures, self.scale.newtons, self.mean_force)
 
     def describe_limits(self, limits):
-        """Describe limits."""
+        """Describe the limits on mean, p99 and missing surface."""
         mean = describe_force(limits.mean, self.scale.newtons, self.mean_force)
         tail = f"{1e3 * self.scale.newtons * limits.tail:.3g} mN at p99"
         return f"{mean} on average, {tail}, {100 * limits.missed:.2g} % of the surface missing"
 
     def measure(self, force_at, limits=None):
-        """Measure a field, and compare it with limits.
+        """Measure a field's errors, and compare them with limits if given.
 
         Parameters
         ----------

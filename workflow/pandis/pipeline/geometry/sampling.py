@@ -1,8 +1,8 @@
-"""Points on a surface, and the probe sets that errors are measured on.
+"""Points on a surface, and the probe sets on which errors are measured.
 
 Points are stratified by area along a space-filling order of the faces. Probe
-sets are also blue noise: their points keep apart. Every point can be recomputed
-from the seed, its face and its barycentrics.
+sets are also blue noise: their points keep a distance from each other. Every point
+can be recomputed from the seed, its face and its barycentric coordinates.
 """
 
 from functools import cached_property
@@ -12,15 +12,15 @@ from scipy.spatial import cKDTree
 
 from pandis.base.streams import generator
 
-#: Depths below the surface of the two probe sets (unit frame).
+#: Largest depths below the surface of the two probe sets (unit frame).
 PROBE_DEPTHS = {"shallow": 0.01, "deep": 0.04}
 #: A face's weight for bent sampling is its mean curvature times this length (unit frame).
 BEND_LENGTH = 0.05
-#: Largest weight of a face for bent sampling; a flat face has 1.
+#: Largest weight of a face for bent sampling; the weight of a flat face is 1.
 BEND_FACTOR = 8.0
-#: Points on which fields and networks are sized to meet a given error.
+#: Number of points on which fields and networks are sized to meet a given error.
 HELD_OUT = 20_000
-#: Candidates per point of a blue-noise set.
+#: Number of candidates per point of a blue-noise set.
 _CANDIDATES = 4
 
 
@@ -32,8 +32,8 @@ class Surface:
     vertices : ndarray, shape (V, 3), unit frame
     faces : ndarray, shape (F, 3)
     engine : object, optional
-        If given, points are moved onto its zero level (for closed-form
-        shapes, whose tessellation is inside them).
+        If given, points are moved onto its zero level. This is for closed-form
+        shapes, which their tessellation only approximates.
     """
 
     def __init__(self, vertices, faces, engine=None):
@@ -55,7 +55,7 @@ class Surface:
         count : int
         rng : numpy.random.Generator
         start, total : int, optional
-            Draw part of a set of ``total`` points: those from ``start`` on.
+            Draw ``count`` points of a set of ``total``, beginning at index ``start``.
         bent : bool
             Draw more points where the surface bends.
 
@@ -89,7 +89,7 @@ class Surface:
 
     @cached_property
     def bent_share(self):
-        """Cumulative share of points by area and bending, in the order of the faces."""
+        """Cumulative share of area times bending weight, over the faces sorted by `order`."""
         return self._cumulative(self.areas * bending(self))
 
     def _cumulative(self, weight):
@@ -100,8 +100,8 @@ class Surface:
 def bending(surface):
     """Return each face's weight (F,) for drawing more points where the surface bends.
 
-    It is proportional to the discrete mean curvature: the angles to the face's neighbours,
-    weighted by edge length, over its area. It is clipped to [1, `BEND_FACTOR`].
+    The weight is proportional to the discrete mean curvature: the sum of the angles to the face's
+    neighbours, weighted by edge length, divided by its area. It is clipped to [1, `BEND_FACTOR`].
     """
     faces = surface.faces
     halves = np.sort(faces[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1)
@@ -120,9 +120,9 @@ def bending(surface):
 def blue_noise(surface, count, rng):
     """Draw blue noise by sample elimination (Yuksel 2015).
 
-    Of four times ``count`` candidates, the most crowded are removed first. Neighbours
-    count only on the same side of a wall. Yuksel removes candidates one by one from a
-    heap. Here all of the worst tenth whose neighbours are no more crowded go at once.
+    Of four times ``count`` candidates, the most crowded are removed first. Only neighbours on
+    the same side of a wall count. Yuksel removes one candidate at a time. Here each round
+    removes every candidate of the most crowded tenth whose neighbours are no more crowded.
 
     Returns
     -------
@@ -160,10 +160,10 @@ def _sums(pairs, values, count):
 
 
 def probes(surface, engine, count, seed):
-    """Return the probe sets for the accuracy bars of the paper notes.
+    """Return the shallow and the deep probe set, with exact distances and normals.
 
-    These are area-uniform blue noise on the surface, moved inward along the normal
-    by a depth uniform in [0, 0.01] (``shallow``) or [0, 0.04] (``deep``).
+    Points are area-uniform blue noise on the surface, moved inward along the normal by
+    depths uniform in [0, 0.01] (``shallow``) or [0, 0.04] (``deep``).
 
     Returns
     -------

@@ -11,14 +11,14 @@ _TINY = 1e-300
 
 
 def _unit(vectors, fallback):
-    """Normalise (n, 3) vectors; zero ones become ``fallback``."""
+    """Normalise vectors (n, 3); zero vectors become ``fallback``."""
     length = np.linalg.norm(vectors, axis=1, keepdims=True)
     return np.where(length > _TINY, vectors / np.maximum(length, _TINY), fallback)
 
 
 @dataclass(frozen=True)
 class Sphere:
-    """A sphere at the origin: section 3.4 of the paper."""
+    """A sphere at the origin, as in section 3.4 of the paper."""
 
     radius: float = 1.0
 
@@ -99,7 +99,7 @@ class Box:
         return _welded_patches(self._patch, cuts)
 
     def _patch(self, axis, side, u, v):
-        """Map [-1, 1]² to one side; counter-clockwise seen from outside."""
+        """Map [-1, 1]² to one side of the box, counter-clockwise as seen from outside."""
         point = np.empty((len(u), 3))
         point[:, axis] = side
         point[:, (axis + 1) % 3] = u if side > 0 else v
@@ -109,7 +109,7 @@ class Box:
 
 @dataclass(frozen=True)
 class Capsule:
-    """A cylinder along z with round ends."""
+    """A cylinder along the z axis with hemispherical ends."""
 
     radius: float = 0.4
     half_length: float = 0.6

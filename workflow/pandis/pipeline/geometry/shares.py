@@ -1,10 +1,10 @@
 """Shares of a surface on which a force is missing, or feels different from the exact one.
 
 There are three kinds of places. A *wall* (`pandis.pipeline.geometry.thickness.are_walls`) is judged
-however small its force is, because a proxy can press on it with any force. Elsewhere the solid is
-thick, and only convex edges make the inscribed ball small. Every smooth field rounds these, so such
-places are judged from 0.05 N on. Walls thinner than 0.02 mm are left out, and every verdict reports
-their share.
+even where its force is small, because a proxy can press on it with any force. Elsewhere the solid
+is thick, and inscribed balls are small only at convex edges. Every smooth field rounds these, so
+such places are judged only if the force is at least 0.05 N. Walls thinner than 0.02 mm are left
+out, and every verdict reports their share.
 """
 
 from dataclasses import dataclass
@@ -21,34 +21,34 @@ from pandis.base.physical import Scale
 
 #: Walls thinner than this are left out (m, in the device's workspace).
 THINNEST = 2e-5
-#: Away from walls, places where the exact force is less than this (N) are not judged: a hand does
-#: not feel it.
+#: Away from walls, places where the exact force is less than this (N) are not judged, because a
+#: hand does not feel it.
 JUDGED = 0.05
-#: Allowance (N) for rounding: at a wall a force may fall short by this, whatever the exact one is.
+#: Allowance (N) for rounding: at a wall, any force may fall short of the exact one by this.
 ROUNDING = 5e-6
-#: A force is missing if it pushes back with less than this share of the exact one.
+#: A force is missing if its component along the exact force is below this share of that force.
 MISSING = 0.5
 #: A difference is felt if it exceeds FELT_SHARE of the exact force and FELT_NEWTONS, or if the
-#: direction is off by more than FELT_ANGLE (degrees); strongly felt, with STRONG_SHARE instead.
+#: direction is off by more than FELT_ANGLE (degrees). For "strongly felt", STRONG_SHARE applies.
 FELT_SHARE, STRONG_SHARE, FELT_NEWTONS, FELT_ANGLE = 0.1, 0.4, 0.02, 25.0
-#: Largest share of the area on which a judged field may lack the force, and largest share that may
-#: be too thin to be judged.
+#: Largest share of the area on which a field's force may be missing, and largest share that may be
+#: too thin to be judged.
 MISSING_LIMIT = 0.005
-#: Largest shares of the surface that may feel strongly different, in total and in one patch. The
-#: default configuration's fields have less on scans and on parts with sharp edges; a patch that a
-#: fingertip finds is larger.
+#: Largest shares of the surface that may feel strongly different, in total and in one patch. Fields
+#: of the default configuration stay below these on scans and on parts with sharp edges. A fingertip
+#: finds only larger patches.
 STRONG_LIMIT, PATCH_LIMIT = 0.015, 0.0025
-#: A smooth field may blend the exact force at a point with the one at this distance (m) beside it.
-#: _AROUND is the number of places around the point that are compared.
+#: A smooth field may blend the exact force at a point with that at a place this far (m) beside it.
+#: _AROUND is the number of such places around the point.
 BESIDE, _AROUND = 1e-3, 8
-#: A point is in a patch if most of this many neighbours are flagged, too. _SIDES
+#: A flagged point is in a patch if most of its _NEIGHBOURS nearest points are flagged, too. _SIDES
 #: (unit frame) is added to the distance between the two sides of a wall, to separate them.
 _NEIGHBOURS, _SIDES = 8, 0.1
 
 
 @dataclass(frozen=True)
 class Probes:
-    """Points below a surface with exact distances and normals, to compare forces with.
+    """Points below a surface, with the exact data with which forces are compared.
 
     Attributes
     ----------
@@ -81,12 +81,12 @@ class Probes:
 
     @property
     def judged(self):
-        """Which points (n,) are judged: those below walls, and those with 0.05 N or more."""
+        """Mask (n,) of the judged points: those below walls or with a force of 0.05 N or more."""
         return self.wall | (self.newtons >= JUDGED)
 
     @cached_property
     def around(self):
-        """The exact forces (n, m, 3) a millimetre beside each point, in m directions."""
+        """The exact forces (n, m, 3) at k = 1, a millimetre beside each point in m directions."""
         side = np.linalg.svd(self.normal[:, None])[2][:, 1:]
         turn = 2 * np.pi * np.arange(_AROUND) / _AROUND
         ring = np.einsum("mk,nkj->nmj", np.stack([np.cos(turn), np.sin(turn)], 1), side)
@@ -96,7 +96,7 @@ class Probes:
 
 
 def missing(force: Points, exact: Points, wall: Flags, newtons) -> Flags:
-    """Return where a force is missing (n,): less than half of the exact one.
+    """Return a mask (n,) of where a force is missing: less than half of the exact force.
 
     Away from walls it must also fall short by 0.05 N.
 
@@ -105,7 +105,7 @@ def missing(force: Points, exact: Points, wall: Flags, newtons) -> Flags:
     force, exact : ndarray, shape (n, 3), unit frame, k = 1
     wall : ndarray, shape (n,)
     newtons : float
-        Newtons per unit of force of the unit frame.
+        Newtons per unit of force in the unit frame.
     """
     size = np.linalg.norm(exact, axis=1)
     against = np.einsum("ij,ij->i", force, exact) / np.maximum(size, 1e-300)
@@ -115,14 +115,14 @@ def missing(force: Points, exact: Points, wall: Flags, newtons) -> Flags:
 
 
 def felt(force: Points, exact: Points, newtons, share=FELT_SHARE) -> Flags:
-    """Return where a difference between forces can be felt (n,).
+    """Return a mask (n,) of where the difference between two forces can be felt.
 
     Parameters
     ----------
     force, exact, newtons
         As for `missing`.
     share : float
-        Share of the exact force by which the other may differ unfelt.
+        Largest difference that is not felt, as a share of the exact force.
     """
     size = np.linalg.norm(exact, axis=1)
     off = np.linalg.norm(force - exact, axis=1)
@@ -135,10 +135,10 @@ def felt(force: Points, exact: Points, newtons, share=FELT_SHARE) -> Flags:
 
 
 def strongly_felt(force: Points, probes) -> Flags:
-    """Return where a force feels strongly different (n,), except for blending at edges.
+    """Return a mask (n,) of where a force feels strongly different, beyond blending at edges.
 
-    Next to an edge a smooth field turns from the force of one side to that of the other. Any force
-    between the exact one at a point and an exact one a millimetre beside it is accepted.
+    Next to an edge, the force of a smooth field turns from that of one side to that of the other.
+    So any force between the exact ones at a point and a millimetre beside it is accepted.
 
     Parameters
     ----------
@@ -154,7 +154,7 @@ def strongly_felt(force: Points, probes) -> Flags:
         along = np.einsum("ij,ij->i", force[left] - here, way)
         square = np.maximum(np.einsum("ij,ij->i", way, way), 1e-300)
         mixed = here + np.clip(along / square, 0, 1)[:, None] * way
-        # a blend may keep its size: the chord between two directions is shorter than the arc
+        # allow blends of full magnitude: it is reduced along the chord between two directions
         least = np.linalg.norm(mixed, axis=1)
         most = np.maximum(np.linalg.norm(here, axis=1), np.linalg.norm(there[left], axis=1))
         size = np.clip(np.linalg.norm(force[left], axis=1), least, most)
@@ -168,8 +168,8 @@ def strongly_felt(force: Points, probes) -> Flags:
 def largest_patch(probes, flags: Flags):
     """Return the share of all points that are in the largest patch of flagged ones.
 
-    A flagged point is in a patch if most of its neighbours are flagged, too. Lines and single
-    points do not count.
+    A flagged point is in a patch if most of its neighbours are flagged, too. So lines and single
+    points are not patches.
     """
     if flags.sum() <= _NEIGHBOURS:
         return 0.0
@@ -191,14 +191,14 @@ def shares(force: Points, probes):
     ----------
     force : ndarray, shape (n, 3), unit frame, k = 1
     probes : Probes
-        Each represents the same area.
+        Points that each represent the same area.
 
     Returns
     -------
     dict of str to float
         ``missing``: share of the area judged; ``judged``: share of all area; ``felt``: share of
-        the area where the exact force is at least 0.05 N. If nothing is judged, all of it counts
-        as missing, so that no field passes without evidence.
+        the area where the exact force is at least 0.05 N. If no area is judged, ``missing`` is 1,
+        so that no field passes without evidence.
     """
     judged, pushing = probes.judged, probes.newtons >= JUDGED
     gone = missing(force, probes.force, probes.wall, probes.scale.newtons)[judged]

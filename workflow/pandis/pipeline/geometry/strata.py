@@ -1,8 +1,8 @@
 """Training and held-out points, with exact labels, shard by shard.
 
-A stratum is a share of the points, drawn by one rule. The contents of its shard k
-depend only on the seed, the stratum and k. So nothing has to be in memory twice,
-and the number of threads does not affect the result.
+A stratum is the set of points drawn by one rule. The contents of its shard k depend
+only on the seed, the stratum and k. Shards can therefore be drawn one at a time, and
+the number of threads does not affect the result.
 """
 
 import numpy as np
@@ -14,11 +14,11 @@ from pandis.pipeline.run.ask.options import SampleOptions
 from pandis.pipeline.run.records.samples import SamplesRecord
 
 STRATA = ("surface", "offset", "shallow", "penetration", "bent", "core", "box", "held-out")
-#: Depths of the shallow stratum: from just outside to somewhat beyond the shallow probes.
+#: Depths (unit frame) of the shallow stratum: from just outside to beyond the shallow probes.
 SHALLOW = (-0.001, 0.0115)
-#: Largest depth of the core stratum, along the inward normal.
+#: Largest depth (unit frame) of the core stratum, along the inward normal.
 DEEPEST = 1.0
-#: Points drawn, labelled and stored at once.
+#: Number of points that are drawn, labelled and stored at once.
 SHARD = 1 << 16
 
 COLUMNS = {
@@ -47,7 +47,7 @@ class Strata:
     Attributes
     ----------
     ranges : dict of str to [int, int]
-        Start and end of each stratum among the points.
+        Indices of each stratum's first point and of the one after its last.
     count : int
     """
 
@@ -69,17 +69,17 @@ class Strata:
 
     @classmethod
     def of(cls, body, samples):
-        """Return the strata of a body from which a samples artifact was drawn."""
+        """Return the strata of a body with the options and seed of a samples artifact."""
         law = dict(SamplesRecord.of(samples).law)
         seed = law.pop("seed")
         return cls(body.surface, body.distance, SampleOptions(**law), seed)
 
     def asking(self, engine):
-        """Return these strata with labels from another engine."""
+        """Return the same strata, to be labelled by another engine."""
         return Strata(self.surface, engine, self.options, self.seed)
 
     def columns(self):
-        """Return the declarations of all arrays for `ArtifactWriter`."""
+        """Return the shapes, types and chunks of all arrays, for `ArtifactWriter`."""
         return {
             name: {
                 "shape": (self.count, *shape),
@@ -97,9 +97,9 @@ class Strata:
     def shards(self, progress):
         """Yield the arrays of each shard in turn.
 
-        Points are float32 in the unit frame, and so are distances and normals once they are
-        stored. The labels are exact for the rounded points. ``tied`` marks points with two
-        closest points, whose direction is arbitrary.
+        Points are float32 in the unit frame. Distances and normals, which are rounded to float32
+        when stored, are exact for the rounded points. ``tied`` marks points with two closest
+        points, whose normals are arbitrary.
 
         Parameters
         ----------
@@ -116,7 +116,7 @@ class Strata:
                 report.update(done)
 
     def arrays(self, progress):
-        """Return the arrays of all shards, as a samples artifact contains them."""
+        """Return the concatenated arrays of all shards, as in a samples artifact."""
         shards = list(self.shards(progress))
         return {
             name: np.concatenate([shard[name] for shard in shards]).astype(kind)
@@ -129,7 +129,7 @@ class Strata:
         Parameters
         ----------
         block : int
-            Number of the block; its points do not depend on earlier draws.
+            Index of the block; its points do not depend on earlier draws.
         size : int
 
         Returns
@@ -143,7 +143,7 @@ class Strata:
             if name != "held-out" and count:
                 rng = generator(self.seed, len(STRATA) + index, block)
                 drawn[name] = self._draw(name, rng, 0, count, count)
-        # all at once: a GPU is slow on small batches
+        # label all at once, because a GPU is slow on small batches
         points = np.concatenate([of[0] for of in drawn.values()]).astype(np.float32)
         labels = self.engine.label(points.astype(np.float64), ties=False)
         rows = np.empty((len(points), 7), np.float32)
@@ -169,7 +169,7 @@ class Strata:
         elif stratum == "held-out":
             offset = -rng.uniform(0, np.array(list(PROBE_DEPTHS.values()))[index % 2])
         elif stratum == "core":
-            offset = rng.random(size)  # a share of the way, on a logarithmic scale
+            offset = rng.random(size)  # share of the depth range, on a logarithmic scale
         else:
             offset = -rng.uniform(0, options.depth, size)
         drawn = self.surface.draw(size, rng, start, total, bent=stratum == "bent")
@@ -183,7 +183,7 @@ class Strata:
         labels = self.engine.label(points.astype(np.float64))
         distance, normal = labels.distance, labels.normal
         if STRATA[index] == "surface":
-            # on the surface by construction, except for rounded coordinates
+            # points are on the surface by construction, except for rounded coordinates
             distance = np.zeros(len(points))
             normal = self.surface.at(face, barycentrics)[1]
         return {
@@ -199,7 +199,7 @@ class Strata:
 
 
 def _way(points, direction):
-    """Return the distances (n,) to the edge of the box, at most `DEEPEST`."""
+    """Return the distances (n,) along a direction to the boundary of the box, at most `DEEPEST`."""
     with np.errstate(divide="ignore"):
         way = (np.copysign(1.0, direction) - points) / direction
     return np.minimum(np.where(direction == 0, np.inf, way).min(axis=1), DEEPEST)

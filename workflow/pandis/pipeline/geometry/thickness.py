@@ -5,31 +5,31 @@ import numpy as np
 from pandis.base.arrays import Flags, Points, Values
 from pandis.base.frame import UNIT_SIDE
 
-#: Tolerance (unit frame) for an inscribed ball; twice this for having left the solid.
+#: Tolerance (unit frame) of an inscribed ball; twice this is the tolerance of leaving the solid.
 _SAME = 1e-6
-#: Limit on the steps of a shrinking ball, and on those of the path straight in.
+#: Maximum number of steps of a shrinking ball, and of a path straight inward.
 _STEPS = 60
-#: Below a wall the solid is at most this many inscribed radii thick: two in a plate, three in the
-#: middle of a triangular bar, four where two faces meet at 70°.
+#: Largest thickness of a wall, in inscribed radii: it is two in a plate, three in the middle of a
+#: triangular bar, and four where two faces meet at 70°.
 WALL = 4.0
 
 
 def inscribed_radius(engine, points: Points, normals: Points, largest=UNIT_SIDE / 2) -> Values:
     """Return the radius (n,) of the largest inscribed ball that touches each surface point.
 
-    At greater depths another wall is nearer, and a penalty force reverses. For a plate it is half
-    the thickness. Shrinking balls (Ma, Bae and Choi 2012): a ball through the surface point is
-    replaced by one that also touches the point nearest to its centre, until none is nearer. The
-    radius falls at every step, so the result is smaller than the true radius only by rounding.
+    At greater depths another face is nearer, and a penalty force reverses. For a plate the radius
+    is half the thickness. The method is that of shrinking balls (Ma, Bae and Choi 2012): a ball is
+    replaced by one that also touches the surface point nearest to its centre, until none is nearer.
+    The radius falls at every step, so the result is below the true radius only by rounding.
 
     Parameters
     ----------
     engine : object
         The exact distance of a `pandis.pipeline.geometry.body.Body`.
     points, normals : ndarray, shape (n, 3), unit frame
-        On the surface, outward.
+        Points on the surface, and outward unit normals.
     largest : float
-        Upper limit of the result: nothing deeper is examined, and most callers need no more.
+        Upper limit of the radius (unit frame); nothing deeper is examined.
     """
     radius = np.full(len(points), float(largest))
     open_ = np.arange(len(points))
@@ -47,18 +47,18 @@ def inscribed_radius(engine, points: Points, normals: Points, largest=UNIT_SIDE 
         square = np.einsum("ij,ij->i", way, way)
         with np.errstate(divide="ignore", invalid="ignore"):
             shrunk = np.where(along > 0, square / (2 * along), 0.0)
-        # the ball through the nearest point; halved where rounding would leave it unchanged
+        # use the ball through the nearest point; halve it where rounding leaves it unchanged
         radius[open_] = np.where(shrunk < size[smaller], shrunk, size[smaller] / 2)
     return radius
 
 
 def are_walls(engine, points: Points, normals: Points, radius: Values) -> Flags:
-    """Return which surface points (n,) are on a wall, where the solid below is thin.
+    """Return a mask (n,) of the surface points on walls, where the solid below is thin.
 
-    A small inscribed ball means that another face is near, but not that it is opposite: next to a
-    convex edge of a thick part the radius tends to 0, too. So the path straight in is measured. It
-    leaves a wall within `WALL` radii. All places whose ball touches faces with normals more than
-    120° apart are walls. So is the middle of a thin bar's sides, where they are 90° apart.
+    A small inscribed ball does not suffice: near a convex edge of a thick part, the radius tends to
+    0 too, although no face is opposite. The path straight inward is therefore measured. It leaves a
+    wall within `WALL` radii. All points whose ball touches faces with normals more than
+    120° apart are on walls. So are the middles of a thin bar's sides, where normals are 90° apart.
 
     Parameters
     ----------
@@ -69,7 +69,7 @@ def are_walls(engine, points: Points, normals: Points, radius: Values) -> Flags:
     """
     wall = np.zeros(len(points), bool)
     inside = np.arange(len(points))
-    way = 2 * radius  # up to here it is inside the ball
+    way = 2 * radius  # the path is inside the ball up to here
     for _ in range(_STEPS):
         there = points[inside] - way[inside, None] * normals[inside]
         distance = engine.distance_and_normal(there, check=False)[0]

@@ -1,4 +1,4 @@
-"""A probe's path over a mesh, below its surface, traced on exact data."""
+"""Traces a probe's path below the surface of a mesh, with exact distances."""
 
 import numpy as np
 
@@ -7,7 +7,7 @@ from pandis.pipeline.geometry.shapes import Sphere
 from pandis.pipeline.geometry.thickness import inscribed_radius
 
 _TRIES = 24
-#: A path that follows the thickness is no deeper than this share of the inscribed radius.
+#: Largest depth of a path that follows the thickness, as a share of the inscribed radius.
 _OF_RADIUS = 0.8
 #: Turns of a spiral.
 TURNS = 6
@@ -18,9 +18,9 @@ def trace(surface, engine, options, seed, progress):
 
     At each sample the probe moves one step along the surface, in a heading that turns slowly at
     random. Newton steps on the exact distance then bring it to the required depth. Where it cannot
-    reach that depth (a part thinner than twice the depth), or would come out on another side, it
-    turns away. If no part of the mesh is thick enough for the required depths, the depth follows
-    the thickness: it is at most 0.8 of the inscribed radius everywhere.
+    reach that depth (in a part thinner than twice the depth), or would come out on another side, it
+    turns away. If no path has the required depths, the depth follows the thickness: it is at most
+    0.8 of the inscribed radius everywhere.
 
     Parameters
     ----------
@@ -42,8 +42,8 @@ def trace(surface, engine, options, seed, progress):
     Raises
     ------
     PandisError
-        No path fits the mesh at any depth, or a spiral is requested on anything but a
-        sphere.
+        No path fits the mesh at any depth, or a spiral is requested for an object that is
+        not a sphere.
     """
     if options.kind == "spiral":
         return _spiral(engine, options.samples), {"followed": ""}
@@ -106,12 +106,12 @@ class _Tracer:
         self.engine, self.step, self.follow = engine, step, follow
 
     def begin(self, foot, normal, depth):
-        """Start below a surface point; None if the depth is not reached there."""
+        """Return the state below a surface point; None if the depth cannot be reached there."""
         depth = self._within(foot, normal, depth)
         return self.settle(foot - depth * normal, normal, depth, reach=self.step)
 
     def _within(self, foot, normal, depth):
-        """Return the depth, reduced where the part is thin."""
+        """Return the depth, reduced where the part is thin and the path follows the thickness."""
         if not self.follow:
             return depth
         radius = inscribed_radius(self.engine, foot[None], normal[None])[0]
@@ -133,7 +133,7 @@ class _Tracer:
         return (point, distance[0], direction[0]) if well and near and same_side else None
 
     def _step(self, point, normal, heading, depth):
-        """Take one step along the surface, at a reduced depth where the part is thin."""
+        """Take one step along the surface; return the new state, or None."""
         there = point + self.step * heading
         if self.follow:
             distance, outward = self.engine.distance_and_normal(there[None], check=False)
@@ -143,7 +143,7 @@ class _Tracer:
         return self.settle(there, normal, depth, reach=self.step)
 
     def advance(self, point, normal, heading, depth, rng):
-        """Take one step; turn more and more until one succeeds."""
+        """Take one step; turn by increasing angles until a step succeeds."""
         for attempt in range(_TRIES):
             along = heading - (heading @ normal) * normal
             length = np.linalg.norm(along)

@@ -1,1 +1,1 @@
-"""Judges fields: errors, stress, timing and the servo loop, and the choice that rests on them."""
+"""Judges fields: errors, stress, timing and the servo loop; and chooses fields by the results."""

@@ -1,8 +1,8 @@
-"""`fields: auto`: the cheapest field to build that meets a budget.
+"""Finds the field for `fields: auto`: the one that meets a budget and is cheapest to build.
 
-The exact mesh needs no building. A compact mesh takes seconds and hardly errs, a grid takes a
+The exact mesh needs no building. A compact mesh takes seconds and has small errors, a grid takes a
 second, a spline a quarter of a minute, a network minutes. Kinds are tried in this order, each from
-small to large, and the search stops at the first field that will do. The chosen field meets the
+small to large, and the search stops at the first suitable field. The chosen field meets the
 budget on held-out points, and its file, read by ``pandis.h``, passes the stress suite.
 """
 
@@ -22,17 +22,17 @@ from pandis.pipeline.run.records.choice import ChoiceRecord, Chosen, Passed, Sca
 
 
 class Chooser:
-    """Looks for the cheapest field that meets a budget.
+    """Finds the cheapest field that meets a budget.
 
     Parameters
     ----------
     body : pandis.pipeline.geometry.body.Body
     points : pandis.pipeline.geometry.points.Points
-        Points of that body.
+        Points drawn on that body.
     options : pandis.pipeline.run.ask.tasks.ChooseTask
     times : pandis.pipeline.run.plan.query_times.QueryTimes
     checkpoint : path-like
-        Where training keeps its state.
+        File to which training saves its state.
     progress : callable
         Makes a `pandis.pipeline.run.job.stage.Progress`.
     log : callable
@@ -46,20 +46,20 @@ class Chooser:
         self.considered, self._nearest, self._suite = [], None, None
 
     def choose(self):
-        """Return what is stored in ``choice.zarr.zip``.
+        """Choose a field, and return the content of ``choice.zarr.zip``.
 
         Returns
         -------
         arrays, attributes : dict
-            Those of the chosen field. ``choice`` has its name, error, bytes and query time;
-            ``considered`` lists the fields that were not taken, and why.
+            The chosen field's. ``choice`` contains its name, error, bytes and query time;
+            ``considered`` lists the rejected fields with reasons.
         finish : callable
-            To be called once the artifact is written.
+            Function to call once the artifact is written.
 
         Raises
         ------
         PandisError
-            No field meets the budget, or a control does.
+            No field meets the budget, or a control field does.
         """
         self.log(f"asked for: {self.points.describe_limits(self.limits)}")
         self._refuse_the_too_thin()
@@ -100,18 +100,18 @@ class Chooser:
             nearest = f" The nearest is {name}, which {measured.why}."
         return (
             f"no field meets the budget of {self.points.describe_limits(self.limits)}.{nearest} "
-            f"Ask for less: a larger budget.force_error, budget.tail, budget.bytes or "
-            f"budget.query_time. What was considered: {reasons}"
+            f"Relax the budget: raise budget.force_error, budget.tail, budget.bytes or "
+            f"budget.query_time. Fields considered: {reasons}"
         )
 
     def first(self, makers, name):
-        """Return the `Outcome` of the smallest field that will do, or None.
+        """Return the `Outcome` of the smallest field that meets the budget, or None.
 
         Parameters
         ----------
         makers : list of pandis.pipeline.kinds.sizing.Maker
         name : str
-            Name of a field, with its ``form`` and ``size`` in braces.
+            Template of a field's name, with ``form`` and ``size`` in braces.
         """
         sizes = [
             (maker.bytes_of(size), maker.form, maker, size)
@@ -144,7 +144,7 @@ class Chooser:
         Returns
         -------
         measured : pandis.pipeline.geometry.points.Measured, or None
-            None if it does not cover the band.
+            None if the field does not cover the band.
         candidate : pandis.pipeline.kinds.sizing.Candidate, or None
         """
         candidate = maker.make(size)
@@ -156,7 +156,7 @@ class Chooser:
             measured = self.proved(candidate.field, measured)
         return measured, candidate
 
-    # --- what all kinds use ------------------------------------------------------------------
+    # --- shared by all kinds of fields -------------------------------------------------------
 
     def proved(self, field, measured):
         """Export a field that meets the budget; measure and stress-test the exported file."""
@@ -199,9 +199,9 @@ class Chooser:
         demand_failure("the choice by budget", met)
 
     def say_least(self):
-        """Log how far grids and splines get, before anything is trained."""
+        """Log why the cheaper kinds were rejected, before networks are tried."""
         reasons = "; ".join(f"{one.field}: {one.why}" for one in self.considered)
-        self.log(f"before a network is trained, what the other kinds can reach: {reasons}")
+        self.log(f"networks are tried next, because no cheaper kind meets the budget: {reasons}")
 
     def choice(self, name, bytes_, measured, seconds):
         """Return the record of a field that meets the budget."""
@@ -215,13 +215,13 @@ class Chooser:
         )
 
     def time(self, form, size, **shape):
-        """Return the seconds of a query, or None if the budget sets no query time."""
+        """Return the time of a query (s), or None if the budget sets no query time."""
         if self.budget.query_time is None:
             return None
         return self.times.seconds(form, size, **shape)
 
     def too_dear(self, form, size, bytes_, **shape):
-        """Say what puts a field over the budget; empty if nothing does."""
+        """Return which bytes or query time exceed the budget, as text; empty if none do."""
         limits = []
         if self.budget.bytes is not None and bytes_ > self.budget.bytes:
             limits.append(f"{bytes_:,} bytes")
@@ -231,22 +231,22 @@ class Chooser:
         return " and ".join(limits)
 
     def fitting(self, form, sizes, name=None, **shape):
-        """Return the sizes (of bytes by size) that meet the budget; note if none does."""
+        """Return those keys of ``sizes`` (bytes by size) that meet the budget; note if none do."""
         dear = {size: self.too_dear(form, size, bytes_, **shape) for size, bytes_ in sizes.items()}
         if all(dear.values()):
             self.skip(name or form, f"{next(iter(dear.values()))} at the least")
         return [size for size, why in dear.items() if not why]
 
     def skip(self, name, why):
-        """Note why a field is not taken."""
+        """Log and record why a field is rejected."""
         self.log(f"{name}: {why}")
         self.considered.append(Passed(field=name, why=why))
 
     def note(self, name, measured):
-        """Remember the field that comes nearest to the limits."""
+        """Record a field if it is the nearest to the limits so far."""
         if self._nearest is None or measured.excess < self._nearest[1].excess:
             self._nearest = name, measured
 
 
 def _silent(text):
-    """Discard a line of a log."""
+    """Discard a log line."""

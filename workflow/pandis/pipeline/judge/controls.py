@@ -1,7 +1,7 @@
 """Control fields: every judgement must fail them before its verdicts count.
 
-They are never exported, chosen or configured. A judgement that passes one of them is blind, and
-ends its stage.
+They are never exported, chosen or configured. A judgement that passes a control cannot detect
+missing force, and its stage ends with an error.
 """
 
 import numpy as np
@@ -15,34 +15,34 @@ from pandis.pipeline.geometry.shares import JUDGED
 from pandis.pipeline.geometry.thickness import are_walls, inscribed_radius
 from pandis.pipeline.kinds.field import Field
 
-#: Share of the area on which a control has no force, four times what may be missing: of the area
-#: judged for `control-gap`, of all area for `control-thin`. Least share of walls for the latter.
+#: Share of the area without force, four times `MISSING_LIMIT`: of the area judged in `control-gap`,
+#: of all area in `control-thin`. Smallest share of walls for which there is a `control-thin`.
 GAP, LEAST_WALLS = 0.02, 0.01
-#: Surface points sampled to find the radius below which the gap lies.
+#: Number of surface points sampled to find the largest radius in the gap.
 _POOL = 20_000
-#: Radii that differ by less are equal: they are ordered by face index, then by place in it.
+#: Radii that differ by less count as equal, and are ordered by face index, then barycentrics.
 _SAME_RADIUS = 1e-5
 
 
 class ControlZero(Field):
-    """No force anywhere: every place is out of contact."""
+    """A field without force: every point is out of contact."""
 
     def __init__(self, exact):
         super().__init__("control-zero", exact.frame, 0)
 
     def answer(self, points):
-        """Answer a distance of 1 and an upward normal at points (n, 3); NaN if not finite."""
+        """Return distance 1 and an upward normal at points (n, 3); NaN if they are not finite."""
         distance = np.where(np.isfinite(points).all(axis=1), 1.0, np.nan)
         normal = np.tile([0.0, 0.0, 1.0], (len(points), 1))
         return distance, np.where(np.isnan(distance)[:, None], np.nan, normal)
 
 
 class ControlGap(Field):
-    """The exact field, without force where the matter is thinnest.
+    """The exact field with a gap: no force where the object is thinnest.
 
-    Of the places that a filter lets through, the gap has those with the smallest inscribed radius
-    at the closest surface point. Equal radii are ordered by face and place in it, so that a ball
-    or a plate has a gap, too.
+    Among the places that a filter accepts, the gap contains those with the smallest inscribed
+    radius at the closest surface point. Equal radii are ordered by face and position in it, so
+    that a ball or a plate also has a gap.
 
     Parameters
     ----------
@@ -50,14 +50,14 @@ class ControlGap(Field):
     exact : pandis.pipeline.kinds.field.ExactField
     surface : pandis.pipeline.geometry.sampling.Surface
     passes : callable
-        The filter: takes radii (n,) and which places are walls (n,); returns which count (n,).
+        The filter: takes radii (n,) and a mask of walls (n,); returns a mask of accepted places.
     of_all : bool
-        The gap is a share of all area, not of the places that count.
+        Whether the gap is a share of all area, or only of the accepted places.
 
     Attributes
     ----------
     counts : float
-        Share of the area that the filter lets through.
+        Share of the area that the filter accepts.
     """
 
     def __init__(self, name, exact, surface, passes, of_all=False):
@@ -76,13 +76,13 @@ class ControlGap(Field):
         self._last = tuple(keys[min(last, len(keys) - 1)]) if len(keys) else None
 
     def answer(self, points):
-        """Answer distance (n,), 0 in the gap, and normal (n, 3) at points (n, 3), unit frame."""
+        """Return distance (n,), 0 in the gap, and normal (n, 3) at points (n, 3), unit frame."""
         distance, normal = self.exact.answer(points)
         inside = np.flatnonzero(distance < 0)
         if self._last is None or not len(inside):
             return distance, normal
         feet = points[inside] - distance[inside, None] * normal[inside]
-        # cap the radius: a ball larger than the one at the last place in the gap tells nothing more
+        # cap the search: a place with a larger radius than the gap's last place is outside the gap
         most = min((self._last[0] + 1) * _SAME_RADIUS, THICKEST)
         radius = inscribed_radius(self.engine, feet, normal[inside], most)
         small = (radius < most) | (most == THICKEST)
@@ -94,11 +94,11 @@ class ControlGap(Field):
         return distance, normal
 
     def _count(self, radius, feet, outward):
-        """Tell which surface points (n,) count."""
+        """Return the mask (n,) of surface points that the filter accepts."""
         return self._passes(radius, are_walls(self.engine, feet, outward, radius))
 
     def _keys(self, radius, points, feet):
-        """Return sort keys (n, 4) of surface points: radius, face, second and third weight."""
+        """Return sort keys (n, 4) of surface points: radius, face, last two barycentrics."""
         if self._faces is None:
             labels = self.engine.label(points, ties=False, check=False)
         else:
@@ -111,9 +111,9 @@ def controls(exact, surface, scale):
     """Return the fields that every judgement of a mesh must fail.
 
     ``control-zero`` has no force. ``control-gap`` has none on the thinnest 2 % of the area
-    judged. ``control-thin`` has none on the thinnest walls, up to 2 % of all area: it tests
-    judgements that leave thin places out. An object whose walls cover less than 1 % of its area
-    has no ``control-thin``.
+    judged. ``control-thin`` has none on the thinnest walls, up to 2 % of all area: it exposes
+    judgements that ignore thin places. It is omitted for objects whose walls cover less than 1 %
+    of the area.
 
     Parameters
     ----------
@@ -134,7 +134,7 @@ def controls(exact, surface, scale):
 
 
 def demand_failure(judgement, passed):
-    """End a stage whose judgement is blind.
+    """Raise an error if a judgement passes a control.
 
     Parameters
     ----------
@@ -152,18 +152,18 @@ def demand_failure(judgement, passed):
     if passed:
         raise PandisError(
             f"{judgement} is blind on this mesh: it passes {' and '.join(passed)}, though force "
-            "is missing on a part of the surface, and so says nothing about other fields either. "
+            "is missing on a part of the surface, so its verdicts on other fields mean nothing. "
             "This is a defect of pandis: please report it with the mesh"
         )
 
 
 def _every(surface):
-    """Return faces (F, 3) that take the corners of a surface in order."""
+    """Return faces (F, 3) that index the corners of a surface in order."""
     return np.arange(3 * len(surface.faces), dtype=np.int32).reshape(-1, 3)
 
 
 def _before(keys, last):
-    """Tell which keys (n, 4) come before ``last``, by the first column, then the next."""
+    """Return the mask (n,) of keys (n, 4) that sort before ``last``, first column first."""
     before, equal = np.zeros(len(keys), bool), np.ones(len(keys), bool)
     for column, value in zip(keys.T, last, strict=True):
         before |= equal & (column < value)

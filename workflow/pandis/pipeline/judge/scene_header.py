@@ -1,4 +1,4 @@
-"""The C header of a scene: which files it opens, where its objects lie, and how they feel."""
+"""The C header of a scene: its files, the poses of its objects, their materials and textures."""
 
 from pandis.runtime.contact.surfaces import texture_for
 
@@ -82,7 +82,7 @@ def _materials(name, placed):
 
 
 def _textures(name, placed):
-    """Return the C constants of an object's texture; the last one is called ``name``."""
+    """Return the C constants of an object's texture; the last one is named ``name``."""
     options = list(placed.textures.values())
     if not options:
         return ""

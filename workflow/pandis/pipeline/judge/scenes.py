@@ -1,8 +1,8 @@
-"""Scenes: several objects under one probe, tried before anybody holds the device.
+"""Tests scenes, in which one probe feels several objects, before anybody holds the device.
 
-A probe moves through the scene, from a place in one object to a place in another. Every force is
-compared with that of asking every object, and the ticks are timed. A C header has the objects and
-where they lie.
+A probe moves through the scene, from a point in one object to a point in another. Every force is
+compared with the one that results when all objects are queried, and the ticks are timed. A C
+header lists the objects and their poses.
 """
 
 import json
@@ -26,7 +26,7 @@ from pandis.runtime.contact.surfaces import (
 from pandis.runtime.field import NativeField
 from pandis.runtime.scene import NativeScene, Placed
 
-#: Most queries at a time when ticks are compared with asking every object.
+#: Largest number of queries per call when all objects are queried for the comparison.
 _PIECE = 200_000
 #: Period of a tick, s.
 _PERIOD = 1e-3
@@ -48,14 +48,14 @@ def try_scene(name, files, options, progress, log):
     -------
     arrays, attributes : dict
         As stored in the scene's artifact: the path, and the force, flag, number of
-        fields asked and seconds of each tick.
+        fields queried and seconds of each tick.
     text : str
-        ``{scene}.json``: the attributes, except the header, which is ``{scene}.h``.
+        Content of ``{scene}.json``: the attributes without the header ``{scene}.h``.
 
     Raises
     ------
     PandisError
-        A force differs from that of asking every object.
+        A force differs from the one that results when all objects are queried.
     """
     opened = {(path.parent.parent.name, path.stem): NativeField(path) for path in files}
     objects = [_place(option, opened[option.mesh, option.field]) for option in options.objects]
@@ -99,7 +99,7 @@ def try_scene(name, files, options, progress, log):
 
 
 def _place(option, field):
-    """Return an object of the configuration with its field, metres and newtons."""
+    """Return a configured object with its field, in metres and newtons."""
     rotation = Rotation.from_rotvec(option.rotation, degrees=True).as_matrix()
     return Placed.at(field, option.size, option.stiffness, option.position, rotation)
 
@@ -119,7 +119,7 @@ def _describe(option, placed, beside):
 
 
 def _check_names(objects, described, log):
-    """Log configured materials that nothing in the scene is made of."""
+    """Log configured materials that no object of the scene is made of."""
     known = {name for placed in described for name in placed.materials} - {WHOLE}
     unknown = {name for option in objects for name in unknown_materials(option.contact, known)}
     there = f"they name {', '.join(sorted(known))}" if known else "their files name no materials"
@@ -128,7 +128,7 @@ def _check_names(objects, described, log):
 
 
 def _touch(objects, described, beside, points, radius):
-    """Follow the path through proxies; return arrays, a `TouchedRecord`, and why there is none."""
+    """Follow the path with proxies; return arrays, a `TouchedRecord` or None, and why None."""
     for option, placed in zip(described, objects, strict=True):
         if option.contact.kind == "penalty":
             return {}, None, f"{option.name}: contact.kind asks for penalty forces"
@@ -161,7 +161,7 @@ def _touch(objects, described, beside, points, radius):
 
 
 def walk(objects, options, period=_PERIOD):
-    """Return the path (ticks, 3) of a probe from object to object, at a constant speed.
+    """Return a probe's path (ticks, 3), m, from object to object at a constant speed.
 
     Parameters
     ----------
@@ -183,7 +183,7 @@ def walk(objects, options, period=_PERIOD):
 
 
 def _compare(scene, points, force, progress):
-    """Count the points where the scene's force differs from that of asking every object."""
+    """Count the points where the scene's force differs from that of querying all objects."""
     piece = max(1, _PIECE // len(scene.objects))
     report, different = progress("compared", len(points), "ticks"), 0
     for start in range(0, len(points), piece):
@@ -199,7 +199,7 @@ def _sentence(record):
     different = record.different + (record.proxies.different if record.proxies else 0)
     same = (
         f"{different:,} forces differ from those of asking every object: a field's clearance "
-        "was measured too small; export it again, or take another field"
+        "was measured too small; export it again, or use another field"
         if different
         else "every force equals that of asking every object"
     )

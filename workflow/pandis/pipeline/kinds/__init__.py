@@ -1,10 +1,10 @@
-"""The kinds of fields: one folder each, with the modules below; shared modules lie beside them.
+"""Kinds of fields: one folder each, with the modules below. Shared modules are beside the folders.
 
 ``spec``
     `KIND`, a `pandis.pipeline.run.ask.kind.Kind`: names, options, colours. Planning reads it, so it
     imports nothing as large as NumPy.
 ``build``, ``search``
-    ``build(job)`` makes and writes the artifact: of a given size, or of one that it searches for.
+    ``build(job)`` writes the artifact; its size is given (``build``) or searched for (``search``).
 ``reference``
     ``open_field(spec, artifact)`` returns the `pandis.pipeline.kinds.field.Field` that a file is
     compared with.
@@ -18,6 +18,6 @@
     form, size and maker of fields whose queries `snakemake -j1 -f calibrate` times.
 
 Only ``spec`` is required. A kind without ``file`` is kept only for comparison (its
-`pandis.pipeline.run.ask.kind.FieldSpec` then says ``native=False``). One without ``search`` has no
-`…-auto`. `fields: auto` tries the kinds with `Kind.chosen`. Folders do not import each other.
+`pandis.pipeline.run.ask.kind.FieldSpec` has ``native=False``). A kind without ``search`` has no
+`…-auto`. `fields: auto` tries the kinds whose `Kind.chosen` is true. No folder imports another.
 """

@@ -6,7 +6,7 @@ import numpy as np
 
 
 class Axes(NamedTuple):
-    """Evenly spaced nodes along each axis, from one corner of a box to the other; unit frame.
+    """Evenly spaced nodes along each axis of a box, including its corners (unit frame).
 
     Attributes
     ----------
@@ -27,7 +27,7 @@ class Axes(NamedTuple):
 
     @classmethod
     def of_bounds(cls, size, engine):
-        """Return the axes of the box around an engine's surface; its cells need not be cubes.
+        """Return axes that span the bounding box of an engine's surface; cells need not be cubes.
 
         Parameters
         ----------
@@ -58,17 +58,17 @@ class Axes(NamedTuple):
         return (np.array(self.high) - np.array(self.low)) / (self.size - 1)
 
     def nodes(self, index):
-        """Return the points (n, 3) at nodes (n, 3)."""
+        """Return the positions (n, 3), unit frame, of the nodes with indices (n, 3)."""
         return np.array(self.low) + self.step * index
 
     def position(self, points):
-        """Return points (n, 3) in node coordinates."""
+        """Convert points (n, 3) from the unit frame to node coordinates."""
         per_step = (self.size - 1) / (np.array(self.high) - np.array(self.low))
         return (points - np.array(self.low)) * per_step
 
 
 def trilinear(values, position):
-    """Interpolate values (n, n, n) or (n, n, n, c) at node coordinates (m, 3); (m, c)."""
+    """Interpolate values (n, n, n) or (n, n, n, c) at node coordinates (m, 3); return (m, c)."""
     corners, t = corners_of(values, position)
     x, y, z = t.T[..., None]
     line = [[corners[0, b, c] * (1 - x) + corners[1, b, c] * x for b in (0, 1)] for c in (0, 1)]
@@ -77,7 +77,7 @@ def trilinear(values, position):
 
 
 def corners_of(values, position):
-    """Return the cells' corner values, by offset, and the positions in the cells (m, 3)."""
+    """Return the corner values of the cells, by corner, and the positions (m, 3) in the cells."""
     base = np.minimum(np.floor(position), len(values) - 2).astype(np.int64)
     i, j, k = base.T
     values = values if values.ndim == 4 else values[..., None]

@@ -2,8 +2,8 @@
 
 A distance changes by no more than the point moves. So a block whose centre
 is farther from the band than half its diagonal does not meet the band, and
-has one sign. Blocks are split until they are cells. Those dropped on the way
-are known to lie inside or outside.
+all its points have the same sign. Blocks that may meet it are split until
+they are cells. The others are known to be wholly inside or outside.
 """
 
 from typing import NamedTuple
@@ -12,12 +12,12 @@ import numpy as np
 
 #: Sides of the blocks at each level of splitting, in cells.
 _SIDES = (32, 8, 2, 1)
-#: Points per query.
+#: Number of points per query of the exact distance.
 _CHUNK = 1 << 18
 
 
 class Band(NamedTuple):
-    """Depths of a band: ``inside`` below the surface to ``outside`` above it (unit frame)."""
+    """Extent of a band: from ``inside`` below the surface to ``outside`` above it (unit frame)."""
 
     inside: float
     outside: float
@@ -41,7 +41,7 @@ def find_cells(engine, size, band, low, step):
     cells : ndarray, shape (m, 3), int64
         Every cell with a point in the band, and few others.
     signs : ndarray, shape (size - 1,) * 3, int8
-        0 for these cells; of the others -1 if wholly inside, 1 if outside.
+        0 for these cells; for the others, -1 if wholly inside, 1 if wholly outside.
     """
     count = size - 1
     low, step = np.broadcast_to(low, 3), np.broadcast_to(step, 3)
@@ -84,7 +84,7 @@ def needed_nodes(cells, size, reach):
     cells : ndarray, shape (m, 3)
     size : int
     reach : int
-        0: the corners of the cell; 1: one node more on every side.
+        0: only the corners of the cell; 1: one more node on every side.
     """
     mask = np.zeros((size,) * 3, bool)
     mask[tuple(cells.T)] = True

@@ -7,9 +7,9 @@ from pandis.base.forces import penalty_force
 from pandis.base.frame import Frame
 
 POINTS = 100_000
-#: Bounds in the unit frame. Forces are compared where the direction, before normalisation, has a
-#: length of at least 0.1, normals where it has 0.5: rounding turns shorter ones. Errors of the
-#: normal are multiplied by that length, since rounding turns a unit normal by its inverse.
+#: Bounds in the unit frame. Forces are compared where the direction's length before normalisation
+#: is at least 0.1, normals where it is at least 0.5: rounding rotates shorter directions too far.
+#: Errors of the normal are multiplied by that length, because rounding rotates by its inverse.
 DISTANCE, FORCE, NORMAL = 5e-6, 5e-6, 2e-5
 FORCE_LENGTH, NORMAL_LENGTH = 0.1, 0.5
 _UNIT = Frame((0.0, 0.0, 0.0), 1.0)
@@ -29,18 +29,18 @@ def check(answer, reference, frame, rounding=1.0, left_out=None, double=None):
     Parameters
     ----------
     answer : callable
-        The exported model: distance and normal, float32, mesh units, at points in mesh units.
+        The exported model. Returns distance and normal, float32, at points, all in mesh units.
     reference : callable
-        Answers (distance, normal, length) at points, all in the unit frame. ``length`` (n,) is
-        the direction's before normalisation: ‖Ψ‖ of a network.
+        Returns (distance, normal, length) at points, all in the unit frame. ``length`` (n,) is
+        the length of the direction before normalisation: ‖Ψ‖ for a network.
     frame : Frame
     rounding : float
         Factor on the force bound: a direction computed from differences loses digits.
     left_out : callable, optional
-        Tells which points (n, 3), in mesh units, are not compared.
+        Returns a mask (n,) of the points (n, 3), in mesh units, that are not compared.
     double : callable, optional
-        Like the reference, in double precision. The two differ by rounding alone: a bound that is
-        less than twice their difference is raised to that.
+        The reference in double precision. The two differ only by rounding: a bound of less than
+        twice their difference is raised to twice their difference.
 
     Returns
     -------
@@ -67,7 +67,7 @@ def check(answer, reference, frame, rounding=1.0, left_out=None, double=None):
 
 
 def _differences(distance, normal, wanted_distance, wanted_normal, length):
-    """Return the largest differences between answers, unit frame, by quantity."""
+    """Return the largest difference of each quantity (unit frame)."""
     force, expected = penalty_force(distance, normal), penalty_force(wanted_distance, wanted_normal)
     force_off = np.linalg.norm(force - expected, axis=1)
     normal_off = np.linalg.norm(normal - wanted_normal, axis=1)
@@ -80,9 +80,9 @@ def _differences(distance, normal, wanted_distance, wanted_normal, length):
 
 
 def check_nearest(field, engine, rounding):
-    """Check that answers lead to closest points of a surface.
+    """Check that a field's distances and normals lead to closest points of a surface.
 
-    Directions are not compared: where faces are equally near, any of them may answer.
+    Normals are not compared: where faces are equally near, that of any of them is right.
 
     Parameters
     ----------
@@ -90,32 +90,32 @@ def check_nearest(field, engine, rounding):
     engine : pandis.pipeline.geometry.distance.MeshDistance
         The exact distance of the surface.
     rounding : float
-        By how much a distance may be too large (unit frame).
+        Amount by which a distance may be too large (unit frame).
 
     Returns
     -------
     dict
-        Largest error of the distance; number of points farther from the surface than rounding
-        whose side contradicts the winding number; largest error of the bounds of cut queries;
-        largest distance from the surface of the points that answers lead to; largest difference
-        of the normal's length from 1.
+        ``distance``: largest error of the distance. ``side``: number of points farther from the
+        surface than rounding whose side contradicts the winding number. ``cut``: largest error of
+        the bounds of cut queries. ``foot``: largest distance of a closest point from the surface.
+        ``length``: largest difference of the normal's length from 1.
 
     Raises
     ------
     PandisError
-        One is larger than rounding allows, or is not finite.
+        One of these exceeds its bound, or is not finite.
     """
     points = check_points(_UNIT)
     distance, normal, _ = field.query(points)
     exact, _ = engine.distance_and_normal(points, check=False)
     clear = field.clear(points)
-    cut = clear < np.abs(distance)  # flags do not tell outside the box
+    cut = clear < np.abs(distance)  # outside the box, flags do not show this
     foot, _ = engine.distance_and_normal(points - distance[:, None] * normal, check=False)
     far = np.abs(exact) > rounding
     differences = {
         "distance": float(np.abs(np.abs(distance) - np.abs(exact))[~cut].max()),
         "side": float((engine.inside(points) != (distance < 0))[far].sum()),
-        # the exact distance lies between what is clear and the answer
+        # the exact distance is between the clear radius and the returned distance
         "cut": float(np.maximum(clear - np.abs(exact), np.abs(exact) - np.abs(distance)).max()),
         "foot": float(np.abs(foot).max()),
         "length": float(np.abs(np.linalg.norm(normal, axis=1) - 1).max()),

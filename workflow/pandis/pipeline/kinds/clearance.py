@@ -8,16 +8,16 @@ import numpy as np
 
 from pandis.pipeline.kinds.field import BOUND, OK
 
-#: Points drawn in the box, and again just outside the surface.
+#: Number of points drawn in the box, and again just outside the surface.
 POINTS = 60_000
-#: Heights of the latter above the surface (unit frame), log-uniform.
+#: Heights above the surface of the points just outside it (unit frame), log-uniform.
 HEIGHTS = 1e-4, 0.5
 #: Sampling can miss the worst case: its result is multiplied by MORE, and ROUNDING is added.
 MORE, ROUNDING = 1.5, 1e-9
-#: LESS does the same for heights. _FARTHEST exceeds every distance to a surface in the box.
+#: The height is multiplied by LESS. _FARTHEST exceeds every distance to a surface in the box.
 LESS, _FARTHEST = 0.98, 4.0
-#: Search for worse points near the worst: starts, rounds, tries per start and round, the first
-#: spread of the tries, and its factor from round to round.
+#: Search for worse points near the worst ones: starts, rounds, tries per start and round, initial
+#: spread of the tries (unit frame), and factor on the spread per round.
 _STARTS, _ROUNDS, _TRIES, _FAR, _NEARER = 64, 10, 12, 0.03, 0.6
 
 
@@ -27,7 +27,7 @@ def clearance(answer, engine, seed=0):
     Parameters
     ----------
     answer : callable
-        The field: distances (n,) and flags (n,) at points (n, 3), unit frame.
+        The field. Returns distances (n,) and flags (n,) at points (n, 3), unit frame.
     engine : pandis.pipeline.geometry.distance.MeshDistance or ShapeDistance
 
     Returns
@@ -37,8 +37,8 @@ def clearance(answer, engine, seed=0):
         contact lies farther outside the surface than the first margin. No contact is nearer to a
         point than the point's distance less the first margin, or less the second where the distance
         is flagged as a bound. A point of the box whose distance is positive and flagged as a bound
-        is at least the height away from the surface. All three are measured, with a safety factor,
-        not proved: at sampled points, and at worse ones that a search near the worst of them found.
+        is at least the height away from the surface. All three are measured with a safety factor,
+        not proved: at sampled points, and at points that a search near the worst of them finds.
     """
     rng = np.random.default_rng(seed)
     box = rng.uniform(-1, 1, (POINTS, 3))
@@ -51,7 +51,7 @@ def clearance(answer, engine, seed=0):
     every = np.concatenate([box, near])
 
     def measure(points, known=None):
-        """Return the excess of each margin at points, and how near bounds are: (n, 4)."""
+        """Return the excesses of the margins, and the nearness of bounds, at points: (n, 4)."""
         exact, distance, flag = known or (
             engine.distance_and_normal(points, check=False)[0],
             *answer(points),
@@ -70,7 +70,7 @@ def clearance(answer, engine, seed=0):
 
 
 def _worst(measure, points, excess, index, rng):
-    """Return the largest excess of one margin, at the points or at others near the worst."""
+    """Return the largest excess of one margin, at the points or near the worst of them."""
     first = np.argsort(-excess, kind="stable")[:_STARTS]
     if not excess[first[0]] > 0:
         return 0.0

@@ -1,4 +1,4 @@
-"""A field as its ``.pandis`` file answers it: what a program loads is what is measured."""
+"""A field queried through its ``.pandis`` file, so that measurements use what programs load."""
 
 from pandis.base.frame import Frame
 from pandis.pipeline.kinds.field import Answer, Field
@@ -8,7 +8,7 @@ _UNIT = Frame((0.0, 0.0, 0.0), 1.0)
 
 
 class ExportedField(Field):
-    """A field answered by ``pandis.h``.
+    """A field that is queried through ``pandis.h``.
 
     Parameters
     ----------
@@ -20,24 +20,24 @@ class ExportedField(Field):
     Raises
     ------
     pandis.base.errors.ArtifactError
-        It cannot be read, or is damaged.
+        The file cannot be read, or is damaged.
     """
 
     def __init__(self, name, source):
         self.file = source if isinstance(source, NativeField) else NativeField(source)
         self.keeps_length = self.file.kind == NETWORK
-        #: A closed form is a formula in mesh units. All others store unit-frame numbers and are
-        #: queried there, so that no digit is lost on the way to mesh units and back.
+        #: A closed form is a formula in mesh units. All other fields store unit-frame numbers. They
+        #: are queried in the unit frame, so that conversions to mesh units and back lose no digits.
         self._is_formula = self.file.kind == SHAPE
         self._unit = None if self._is_formula else self.file.placed(_UNIT)
         super().__init__(name, self.file.frame, self.file.bytes)
 
     def answer(self, points):
-        """Answer distance (n,) and normal (n, 3) at points (n, 3), all in the unit frame."""
+        """Return distance (n,) and normal (n, 3) at points (n, 3), all in the unit frame."""
         return self.query(points)[:2]
 
     def query(self, points):
-        """Answer with flags (unit frame)."""
+        """Return the `Answer` at points (n, 3), with flags (unit frame)."""
         if not self._is_formula:
             return Answer(*self._unit.query(points))
         home = self.file.frame
@@ -45,21 +45,21 @@ class ExportedField(Field):
         return Answer(distance * home.scale, normal, flag)
 
     def clear(self, points):
-        """Return the radii (n,) around points (n, 3) without surface: see `NativeField.clear`."""
+        """Return the radii (n,) of empty balls around points (n, 3): see `NativeField.clear`."""
         return self._unit.clear(points)
 
     def direction(self, points):
-        """Answer distance (n,) and direction (n, 3), not normalised."""
+        """Return distance (n,) and direction (n, 3), not normalised, at points (unit frame)."""
         (distance, normal, _), length = self._unit.query_slopes(points)
         return distance, normal * length[:, None]
 
     def distance_and_normal(self, points):
-        """Answer in mesh units as a program would, but a closed form through its frame."""
+        """Return a program's answers in mesh units; a closed form is queried through its frame."""
         answering = super() if self._is_formula else self.file
         return answering.distance_and_normal(points)
 
     def placed(self, factor, offset):
-        """Return the field as if its mesh had come in other units and elsewhere."""
+        """Return the field as if its mesh had other units and another position."""
         moved = super().placed(factor, offset)
         if not self._is_formula:
             moved.file = self.file.placed(moved.frame)

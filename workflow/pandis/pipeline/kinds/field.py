@@ -8,9 +8,9 @@ import numpy as np
 from pandis.base.arrays import Points, Values
 from pandis.base.frame import Frame
 
-#: Flags of an answer. OK: within the field's accuracy. BOUND: outside what the field covers; the
-#: distance is an estimate with the right sign. INVALID: no answer, because the point is not
-#: finite. CUT: not all faces were visited; the distance may be a little too large.
+#: Flags of an answer. OK: within the field's accuracy. BOUND: outside the region that the field
+#: covers; the distance is an estimate with the right sign. INVALID: the point is not finite, so
+#: there is no answer. CUT: not all faces were visited; the distance may be a little too large.
 OK, BOUND, INVALID, CUT = 0, 1, 2, 3
 
 
@@ -43,13 +43,13 @@ class Field:
         A key of `pandis.pipeline.run.ask.kinds.KINDS`.
     frame : pandis.base.frame.Frame
     bytes : int
-        Memory that a program needs to answer.
+        Memory that a program needs to query the field.
     ordered : bool
-        Answers depend on the path: the points of a call are one that begins out of contact.
+        Answers depend on the path: the points of a call form a path that begins out of contact.
     keeps_length : bool
         The length of the direction has a meaning, because it was trained to be 1. Such a field
-        has ``direction(points)``, which answers distance (n,) and direction (n, 3), not
-        normalised. The paper's force keeps that length.
+        has ``direction(points)``, which returns distance (n,) and direction (n, 3), not
+        normalised. The paper's force is multiplied by that length.
     """
 
     kind = ""
@@ -59,7 +59,7 @@ class Field:
         self.name, self.frame, self.bytes = name, frame, size
 
     def distance_and_normal(self, points: Points):
-        """Answer in mesh units.
+        """Return distances and normals in mesh units.
 
         Parameters
         ----------
@@ -74,7 +74,7 @@ class Field:
         return distance / self.frame.scale, normal
 
     def query(self, points):
-        """Answer with flags (unit frame); by default the field covers its box, and nothing outside.
+        """Return the answer with flags (unit frame); by default a field covers only its box.
 
         Returns
         -------
@@ -87,21 +87,21 @@ class Field:
         return Answer(distance, normal, flag)
 
     def placed(self, factor, offset):
-        """Return the field as if its mesh had come in other units and elsewhere.
+        """Return the field as if its mesh had other units and another position.
 
         Parameters
         ----------
         factor : float
-            Scales lengths, after the mesh was moved by ``offset`` (3,), mesh units.
+            Factor on lengths, applied after the mesh is moved by ``offset`` (3,), mesh units.
         """
         moved, old = copy.copy(self), self.frame
         moved.frame = Frame(tuple(factor * (np.array(old.centre) + offset)), old.scale / factor)
         return moved
 
     def answer(self, points):
-        """Answer distance (n,) and normal (n, 3) at points (n, 3), all in the unit frame.
+        """Return distance (n,) and normal (n, 3) at points (n, 3), all in the unit frame.
 
-        NaN where a point is not finite.
+        Both are NaN where a point is not finite.
         """
         raise TypeError(f"{type(self).__name__} must implement answer()")
 
@@ -116,13 +116,13 @@ class ExactField(Field):
         super().__init__(name, body.frame, body.bytes)
 
     def answer(self, points):
-        """Answer distance (n,) and normal (n, 3) at points (n, 3), all in the unit frame."""
-        # unchecked, as in a loop: signs are checked by the winding number when labels are made
+        """Return distance (n,) and normal (n, 3) at points (n, 3), all in the unit frame."""
+        # unchecked, as in a device loop: the winding number checks signs when labels are made
         return self.engine.distance_and_normal(points, check=False)
 
 
 def clamp_to_box(points: Points, low=-1.0, high=1.0) -> tuple[Points, Values]:
-    """Move points into a box: [-1, 1]³, or the one between two corners.
+    """Clamp points to a box: [-1, 1]³, or the box between two corners.
 
     Returns
     -------
@@ -133,7 +133,7 @@ def clamp_to_box(points: Points, low=-1.0, high=1.0) -> tuple[Points, Values]:
         has a ghost contact far from its box.
     """
     clamped = np.clip(points, low, high)
-    with np.errstate(over="ignore"):  # beyond 1e154 the way is as good as infinite
+    with np.errstate(over="ignore"):  # beyond 1e154 the norm overflows to infinity
         return clamped, np.linalg.norm(points - clamped, axis=1)
 
 

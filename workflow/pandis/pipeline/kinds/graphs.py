@@ -1,6 +1,6 @@
 """The parts that all ONNX graphs of fields share; graphs are written node by node.
 
-Every graph takes ``points`` float64 (n, 3) in mesh units and answers
+Every graph takes ``points`` float64 (n, 3) in mesh units and returns
 ``distance`` float32 (n,) in mesh units and ``normal`` float32 (n, 3) of unit
 length. The graph subtracts the centre and scales in float64, before the cast,
 so that a mesh far from its origin loses no digits.
@@ -62,7 +62,7 @@ class Graph:
 
 
 def unsealed_digest(model):
-    """Return the SHA-256 of a model without the entry that holds this very digest."""
+    """Return the SHA-256 of a model without the metadata entry that stores this digest."""
     bare = onnx.ModelProto()
     bare.CopyFrom(model)
     unsealed = [entry for entry in bare.metadata_props if entry.key != _SEAL]
@@ -72,7 +72,7 @@ def unsealed_digest(model):
 
 
 def enter(graph, frame, low=(-1.0,) * 3, high=(1.0,) * 3):
-    """Map points to the unit frame, clamp them to a box; return them and how far they moved."""
+    """Map points to the unit frame and clamp them; return them and the distances moved."""
     centre = graph.constant("centre", np.array(frame.centre, np.float64))
     scale = graph.scalar(frame.scale, np.float64)
     unit = graph.apply("Mul", graph.apply("Sub", "points", centre), scale)
@@ -84,7 +84,7 @@ def enter(graph, frame, low=(-1.0,) * 3, high=(1.0,) * 3):
 
 
 def leave(graph, frame, distance, vector):
-    """Add the outputs: distance back in mesh units, the vector at unit length (zero: +z)."""
+    """Add the outputs: distance in mesh units, vector at unit length (+z if it is zero)."""
     inverse = graph.scalar(1.0 / frame.scale)
     graph.apply("Mul", distance, inverse, name="distance")
     length = graph.apply("ReduceL2", vector, axes=[1], keepdims=1)

@@ -1,11 +1,11 @@
-"""Finds how much of a mesh one query may visit, so that none next to its surface is cut.
+"""Finds the limit on the parts of a mesh that a query visits: none next to the surface may be cut.
 
-Where very many faces are about equally near, as in the middle of a ball, a query is cut: it gives
-a lower bound of the distance, and answers a face that is not much farther. But where the boxes of
-very many faces overlap, as around a corner of thousands of narrow ones, a cut query can be off by
-the size of the object. Contact happens next to the surface, so no query may be cut there. One
-such corner is enough, however small it is and however large the mesh. So every vertex and every
-face is tried, at heights that fit the lengths of the edges there.
+Where very many faces are about equally near, as in the middle of a ball, a query is cut: it returns
+a lower bound of the distance, and a face that is not much farther. But where the boxes of very many
+faces overlap, as around a corner of thousands of narrow faces, a cut query can be off by the size
+of the object. Contact happens next to the surface, so no query may be cut there. A single such
+corner can cause this, however small it is and however large the mesh. So queries are tried at every
+vertex and every face, at heights proportional to the lengths of the edges there.
 """
 
 import numpy as np
@@ -39,9 +39,9 @@ def near_surface(vertices, faces, count, rng):
 def at_corners(vertices, faces, rng):
     """Draw points (n, 3) next to every vertex and every face's middle.
 
-    Corners of very many faces get more of them. The vertices themselves are among the points, but
-    they are the easiest places: the first face visited is at distance 0, so that no other box can
-    be nearer.
+    Vertices of very many faces get more points. The vertices themselves are included, but they are
+    the easiest places: the first face visited is at distance 0, so that no other box can be
+    nearer.
 
     Parameters
     ----------
@@ -68,18 +68,18 @@ def _moved(points, length, rng):
 
 
 def least_limit(first, vertices, faces, query):
-    """Return twice the limit at which no query tried on or next to a surface is cut.
+    """Return twice a limit at which no tried query on or next to a surface is cut.
 
-    Twice, because points that are not tried can need more than those that are.
+    The factor is for points that are not tried: they can need a higher limit.
 
     Parameters
     ----------
     first : int
-        The least limit to return; it is doubled as often as needed.
+        Smallest limit to return. It is doubled until no tried query is cut.
     vertices : ndarray, shape (V, 3), unit frame
     faces : ndarray, shape (F, 3)
     query : callable
-        Answers (distance, clear), each (n,), at points (n, 3) with a limit, as
+        Returns (distance, clear), each (n,), at points (n, 3) with a limit, as
         `pandis.engine.packing.distance_and_clear` does.
 
     Returns

@@ -1,6 +1,6 @@
-"""Export for ``pandis.h``: every field as one file, compared with the library before it is written.
+"""Exports fields for ``pandis.h``. Each file is compared with the library before it is written.
 
-docs/format.md has the format. Each kind's ``file`` module says what its file holds.
+docs/format.md describes the format. Each kind's ``file`` module defines the file's contents.
 """
 
 from abc import ABC, abstractmethod
@@ -30,7 +30,7 @@ class FieldFile(ABC):
     version : int
         The first format version that can hold this file.
     answering : pandis.pipeline.kinds.field.Field
-        The field whose answers the file must give.
+        The field whose answers the file must reproduce.
     """
 
     version = 1
@@ -48,11 +48,11 @@ class FieldFile(ABC):
         return {}
 
     def notes(self, native):
-        """Return further lines for the log about the opened file."""
+        """Return additional log lines about the opened file."""
         return []
 
     def data(self, provenance, **sections):
-        """Return the file's bytes, with more sections."""
+        """Return the file's bytes, with additional sections."""
         number, wholes, reals, contents = self.parts()
         contents = contents | sections
         return pack(number, self.field.frame, wholes, reals, contents, provenance, self.version)
@@ -64,7 +64,7 @@ class FieldFile(ABC):
         ----------
         exported : ExportedField
         left_out : callable, optional
-            Tells at which points (n, 3), in mesh units, the opened file is not compared.
+            Takes the file and points (n, 3), mesh units; returns a mask of those not compared.
         """
         native, double = exported.file, self.double()
         return check(
@@ -74,7 +74,7 @@ class FieldFile(ABC):
         )  # fmt: skip
 
     def double(self):
-        """Return the field in double precision if rounding may turn its answers, else None."""
+        """Return the field in double precision if rounding may affect its normals, else None."""
         return None
 
     def _reference(self, field):
@@ -88,7 +88,7 @@ class FieldFile(ABC):
         return np.full(len(points), FORCE_LENGTH)
 
     def clearance(self, exported, body):
-        """Return where contacts can be, and the margins of distances: see `clearance`."""
+        """Return the box of contacts, and the margins of distances: see `clearance`."""
         return clearance(lambda points: exported.query(points)[::2], body.distance)
 
 
@@ -98,19 +98,19 @@ def field_file(field, weight_bits=32):
     Raises
     ------
     PandisError
-        ``pandis.h`` knows no such field.
+        ``pandis.h`` does not support this kind of field.
     """
     try:
         module = kind_module(field.kind, "file")
     except ModuleNotFoundError as error:
         if error.name != f"pandis.pipeline.kinds.{field.kind}.file":
-            raise  # an import of that module is missing
+            raise  # a module that it imports is missing
         raise PandisError(f"{field.name}: pandis.h cannot read fields of its kind") from None
     return module.File(field, weight_bits)
 
 
 def native_bytes(field, provenance, weight_bits=32, safe=None):
-    """Return a field as the bytes of a ``.pandis`` file, not compared.
+    """Return the bytes of a field's ``.pandis`` file, without comparing it with the field.
 
     Parameters
     ----------
@@ -119,20 +119,20 @@ def native_bytes(field, provenance, weight_bits=32, safe=None):
     weight_bits : {32, 16}
         Weight bits of a network's hidden layers.
     safe : ndarray, shape (9,), optional
-        From `pandis.pipeline.kinds.clearance.clearance`; without it a scene asks the field at
+        From `pandis.pipeline.kinds.clearance.clearance`. Without it a scene queries the field at
         every tick.
 
     Raises
     ------
     PandisError
-        ``pandis.h`` knows no such field.
+        ``pandis.h`` does not support this kind of field.
     """
     sections = {} if safe is None else {"SAFE": np.asarray(safe, np.float64)}
     return field_file(field, weight_bits).data(provenance, **sections)
 
 
 def export_native(field, body, options, provenance, log):
-    """Return the ``.pandis`` file of a field, checked against it.
+    """Return the bytes of a field's ``.pandis`` file, after comparing it with the field.
 
     Parameters
     ----------
@@ -146,7 +146,7 @@ def export_native(field, body, options, provenance, log):
     Raises
     ------
     PandisError
-        ``pandis.h`` does not answer as the field does.
+        The answers of ``pandis.h`` differ from the field's.
     """
     file = field_file(field, options.weight_bits)
     number, wholes, reals, sections = file.parts()
@@ -159,7 +159,7 @@ def export_native(field, body, options, provenance, log):
 
 
 def _checked(file, data, body, log):
-    """Compare a file with its field, and return how far a scene may trust it."""
+    """Compare a file with its field, and return its clearance for scenes."""
     exported = ExportedField(file.field.name, data)
     for note in file.notes(exported.file):
         log(note)

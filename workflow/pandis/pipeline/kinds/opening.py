@@ -1,7 +1,7 @@
-"""Opens any field by its name: only for evaluation, stress, timing, report and export.
+"""Opens any field by its name: only for evaluation, stress tests, timing, report and export.
 
-A field with a file for ``pandis.h`` answers from it: what a program loads is what is measured. The
-library's own answers are what the file is compared with when it is written.
+A field with a file for ``pandis.h`` is queried through it, so that measurements use what programs
+load. The file is compared with the library's own answers when it is written.
 """
 
 from pathlib import Path
@@ -16,7 +16,7 @@ from pandis.pipeline.run.records.choice import ChoiceRecord
 
 
 class Fields(list):
-    """The fields of a body, in the order of the configuration; ``exact`` is always at hand."""
+    """The fields of a body, in the order of the configuration; ``exact`` is always available."""
 
     def __init__(self, fields, body, exact):
         super().__init__(fields)
@@ -32,7 +32,7 @@ def open_fields(names, mesh, files):
         As in the configuration.
     mesh : pandis.pipeline.run.job.artifact.Artifact
     files : iterable of pandis.pipeline.run.job.artifact.Artifact or Path
-        ``{field}.pandis`` of each field, or the artifact of a field that has none.
+        ``{field}.pandis`` of each field, or the artifact of a field without such a file.
 
     Returns
     -------
@@ -55,7 +55,7 @@ def open_fields(names, mesh, files):
 
 
 def open_field(spec, artifact):
-    """Return the field of a `FieldSpec`, from the artifact that holds it."""
+    """Return the field of a `FieldSpec` from its artifact."""
     if spec.kind == AUTO:
         chosen = ChoiceRecord.of(artifact).choice.field
         spec = known_field(chosen)._replace(name=spec.name)

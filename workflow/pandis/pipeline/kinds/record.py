@@ -4,14 +4,14 @@ from pandis.pipeline.run.records.record import Record
 
 
 class BandRecord(Record):
-    """How far a grid is valid: below the surface and above it (unit frame)."""
+    """Depth below the surface and height above it to which a grid is valid (unit frame)."""
 
     inside: float
     outside: float
 
 
 class GridRecord(Record):
-    """The grid of an artifact."""
+    """Content, nodes per axis and band of the grid in an artifact."""
 
     content: str
     size: int
@@ -23,7 +23,7 @@ class GridRecord(Record):
         return cls.checked(artifact, artifact.attributes["grid"])
 
     def attributes(self):
-        """Return the record as it stands among the attributes."""
+        """Return the record as an attribute of the artifact."""
         return {"grid": self.model_dump()}
 
 
@@ -41,8 +41,8 @@ class DenseRecord(GridRecord):
 
 
 class SplineRecord(GridRecord):
-    """The three lattices of a spline: nodes per axis, the low end of the far one, and the offset
-    and scale of each one's integers.
+    """The three lattices of a spline: nodes per axis, the lower bound of the far lattice, and the
+    offset and scale of the integers of each lattice.
     """
 
     base_size: int

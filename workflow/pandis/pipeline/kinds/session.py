@@ -1,4 +1,4 @@
-"""Reading exported files, and running ONNX ones, as a user's program would."""
+"""Reads exported files, and runs ONNX models, as a user's program would."""
 
 import json
 import zipfile
@@ -14,7 +14,7 @@ from pandis.pipeline.run.job.artifact import check_seal
 
 
 class Export(NamedTuple):
-    """An exported file, read and found intact."""
+    """The contents of an exported file whose seal is valid."""
 
     data: bytes
     metadata: dict
@@ -26,7 +26,7 @@ def read_export(path):
     Raises
     ------
     ArtifactError
-        It does not parse, or its checksum is wrong.
+        The file does not parse, or its checksum is wrong.
     """
     remedy = f"rebuild it with: snakemake -j2 -R {path}"
     try:
@@ -43,7 +43,7 @@ def read_export(path):
 
 
 class Session:
-    """An exported field in ONNX Runtime, on one thread.
+    """An exported field that runs in ONNX Runtime on one thread.
 
     Parameters
     ----------
@@ -59,7 +59,7 @@ class Session:
     def __init__(self, model):
         options = onnxruntime.SessionOptions()
         options.intra_op_num_threads = options.inter_op_num_threads = 1
-        # a sequential session on one thread neither spins nor hands over
+        # a sequential session on one thread neither spins nor switches threads
         options.execution_mode = onnxruntime.ExecutionMode.ORT_SEQUENTIAL
         options.log_severity_level = 3
         data = model if isinstance(model, bytes) else read_export(model).data
@@ -72,7 +72,7 @@ class Session:
         self.metadata = self._session.get_modelmeta().custom_metadata_map
 
     def distance_and_normal(self, points):
-        """Answer distance (n,) in mesh units and normal (n, 3), at points (n, 3) in mesh units."""
+        """Return distance (n,) in mesh units and normal (n, 3), at points (n, 3) in mesh units."""
         return self._session.run(None, {"points": points})
 
 
@@ -82,7 +82,7 @@ def read_program_metadata(path):
     Raises
     ------
     ArtifactError
-        It is damaged.
+        The file is damaged.
     """
     check_seal(Path(path))
     with zipfile.ZipFile(path) as archive:

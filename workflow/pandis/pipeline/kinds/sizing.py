@@ -1,4 +1,4 @@
-"""Sizes fields by what they should achieve: the user gives limits, not sizes."""
+"""Finds the sizes of fields: the user gives limits on bytes or error instead of a size."""
 
 from abc import ABC, abstractmethod
 from typing import NamedTuple
@@ -10,12 +10,12 @@ from pandis.pipeline.geometry.points import Points
 from pandis.pipeline.kinds.field import Field
 from pandis.pipeline.run.records.choice import Chosen
 
-#: No error falls faster than this power of the spacing; sizes that would need it are not built.
+#: No error falls faster than this power of the spacing; sizes that need a faster fall are skipped.
 _FASTEST = 4
 
 
 class Candidate(NamedTuple):
-    """A field that was made.
+    """A field that was built during a search.
 
     Attributes
     ----------
@@ -29,12 +29,12 @@ class Candidate(NamedTuple):
     attributes: dict
 
     def force(self, points):
-        """Answer the force (n, 3) at points (n, 3), unit frame, k = 1."""
+        """Return the force (n, 3) at points (n, 3), unit frame, k = 1."""
         return penalty_force(*self.field.answer(points))
 
 
 class Outcome(NamedTuple):
-    """The result of a kind that meets the budget.
+    """The field of a kind that meets the budget.
 
     Attributes
     ----------
@@ -42,7 +42,7 @@ class Outcome(NamedTuple):
         As in the field's own artifact.
     choice : pandis.pipeline.run.records.choice.Chosen
     finish : callable
-        Call it once the artifact is written.
+        Must be called once the artifact is written.
     """
 
     arrays: dict
@@ -73,18 +73,18 @@ class Maker(ABC):
 
     @abstractmethod
     def bytes_of(self, size):
-        """Return the bytes that ``pandis.h`` answers a field from."""
+        """Return the bytes that ``pandis.h`` needs to query a field of a size."""
 
     @abstractmethod
     def finer(self, size, other):
         """Return the factor by which the other size's spacing is finer."""
 
     def hopeless(self, size, figures, limits, other):
-        """Tell by a smaller size's figures whether another size cannot meet limits either."""
+        """Return whether the figures of one size show that another cannot meet the limits."""
         return figures["mean"] > limits.mean * self.finer(size, other) ** _FASTEST
 
     def never_meets(self, tried, limits, size):
-        """Tell whether a size cannot meet limits, by (size, `Measured`) of those tried."""
+        """Return whether the (size, `Measured`) tried show that a size cannot meet the limits."""
         return any(self.hopeless(s, m.figures, limits, size) for s, m in tried)
 
 
@@ -106,7 +106,7 @@ def search(maker, points, task, log):
     Returns
     -------
     arrays, attributes : dict
-        Arrays and attributes of the field; ``sizing`` says which sizes were tried.
+        Arrays and attributes of the field; ``sizing`` lists the sizes that were tried.
 
     Raises
     ------
@@ -127,7 +127,7 @@ def search(maker, points, task, log):
 
 
 def sizing_of(target, tried):
-    """Return the record of a search in an artifact, from (size, `Measured`) of all tries."""
+    """Return the artifact's record of a search, from (size, `Measured`) of all tried sizes."""
     figures = tried[-1][1].figures
     return {
         "asked": target.model_dump(include={"force_error", "tail", "missed", "bytes"}),
@@ -138,7 +138,7 @@ def sizing_of(target, tried):
 
 
 def _smallest(maker, points, target, what, log):
-    """Return the first candidate that meets the limits, and each size tried, as measured."""
+    """Return the first candidate that meets the limits, and (size, `Measured`) of all tried."""
     limits, tried = points.limits(target), []
     for size in maker.sizes:
         if maker.never_meets(tried, limits, size):
@@ -153,9 +153,9 @@ def _smallest(maker, points, target, what, log):
         if not measured.why:
             return candidate, tried
     if not tried:
-        raise PandisError(f"{what}: no size that was tried comes near what is asked for")
+        raise PandisError(f"{what}: no size that was tried comes near the limits: relax them")
     size, best = min(tried, key=lambda one: one[1].excess)
     raise PandisError(
-        f"{what}: no size meets {points.describe_limits(limits)}; the nearest, {size:,}, "
-        f"{best.why}: ask for less, or for another kind of field"
+        f"{what}: no size meets {points.describe_limits(limits)}; the closest, {size:,}, "
+        f"{best.why}: relax the limits, or choose another kind of field"
     )

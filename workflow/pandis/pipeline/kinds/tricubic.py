@@ -8,14 +8,14 @@ from pandis.pipeline.kinds.graphs import split
 
 #: Offsets of the 64 nodes around a cell.
 AROUND = np.stack(np.meshgrid(*[np.arange(-1, 3)] * 3, indexing="ij"), -1).reshape(-1, 3)
-#: Weights of an axis's four nodes as polynomials of the position in the cell (power, node),
-#: and their derivatives.
+#: Coefficients (power, node) of the polynomials in the cell position that weight an axis's four
+#: nodes, and of their derivatives.
 BASIS = np.array([[1, 4, 1, 0], [-3, 0, 3, 0], [3, -6, 3, 0], [-1, 3, -3, 1]]) / 6
 SLOPE = np.vstack([BASIS[1:] * [[1], [2], [3]], np.zeros(4)])
 
 
 def tricubic(graph, lattice, coefficients, clamped):
-    """Add a tricubic B-spline.
+    """Add a tricubic B-spline to a graph.
 
     Parameters
     ----------
@@ -23,7 +23,7 @@ def tricubic(graph, lattice, coefficients, clamped):
     lattice : pandis.engine.spline.Lattice
     coefficients : ndarray, shape (lattice.size,) * 3, float32
     clamped : str
-        Points float64 (n, 3) in the box [-1, 1]³.
+        Name of the points, float64 (n, 3), in the box [-1, 1]³.
 
     Returns
     -------

@@ -1,4 +1,4 @@
-"""The mesh stage: from a source to the arrays and attributes of ``mesh.zarr.zip``."""
+"""The mesh stage: builds the arrays and attributes of ``mesh.zarr.zip`` from a source."""
 
 import numpy as np
 
@@ -17,7 +17,7 @@ def build(options, source_file, log):
     ----------
     options : pandis.pipeline.run.ask.tasks.MeshTask
     source_file : path-like or None
-        The file to read, if the workflow has fetched or found one.
+        The file to read if the workflow has fetched or found it; by default the source itself.
     log : callable
         Takes a line of text.
 
@@ -65,7 +65,7 @@ def _closed_form(source, log):
     vertices, faces = shape.tessellation()
     frame = Frame.of_bounds(-shape.half_extent, shape.half_extent)
     diagnosis = diagnose(vertices, faces)
-    # distance of the flat faces from the true surface, at their centres
+    # distance from the centres of the flat faces to the true surface
     off = np.abs(shape.distance_and_normal(vertices[faces].mean(axis=1))[0])
     distances = {
         "max": float(off.max()),

@@ -1,7 +1,7 @@
 """The lossless rung: weld, drop degenerate and duplicate faces, orient outward, split contacts.
 
-No surface moves by more than the weld tolerance. The copies of a split vertex move apart
-by `PARTING` times the diagonal, so that surfaces no longer touch.
+Each weld spans at most the tolerance, but a chain of welds may span more. The copies of a
+split vertex move apart by `PARTING` times the diagonal, so that surfaces no longer touch.
 """
 
 import igl
@@ -23,7 +23,7 @@ from pandis.pipeline.mesh.topology import (
 
 #: Distance that the copies of a split vertex move into their solids, as a share of the diagonal.
 PARTING = 1e-7
-#: An inward direction that gains no more depth than this per unit length runs along a face.
+#: An inward direction runs along a face if it gains at most this much depth per unit length.
 _SADDLE = 0.05
 #: Share of the area in cancelling faces above which a model is made of two-sided sheets.
 SHEETS = 0.1
@@ -36,7 +36,7 @@ def clean(vertices, faces, tolerance=0.0):
     ----------
     vertices, faces : ndarray
     tolerance : float
-        Vertices within this distance are merged into the first of them; 0 merges equal ones only.
+        Distance (mesh units) within which vertices are merged into the first; 0: only equal ones.
 
     Returns
     -------
@@ -44,7 +44,7 @@ def clean(vertices, faces, tolerance=0.0):
         The remaining vertices are bitwise unchanged and in the same order.
     """
     if tolerance:
-        # igl.remove_duplicate_vertices would round to a lattice, which separates some close pairs
+        # igl.remove_duplicate_vertices rounds to a lattice, which separates some close pairs
         finite = np.where(np.isfinite(vertices), vertices, 0)
         pairs = cKDTree(finite).query_pairs(tolerance, output_type="ndarray")
         representative = connected(pairs, len(vertices))
@@ -60,17 +60,17 @@ def clean(vertices, faces, tolerance=0.0):
 def resolve_duplicates(vertices, faces):
     """Cancel opposite faces over the same three vertices: they enclose nothing.
 
-    The remaining faces of such a set have the same orientation. Of exact copies one stays,
-    unless removing the others would open a closed mesh (the exact union resolves them).
-    If cancelling would remove more than `SHEETS` of the area, the faces are the two sides
-    of sheets, and one side of each stays.
+    The remaining faces over the same vertices have the same orientation. One of several exact
+    copies is kept. All are kept if removing the others would open a closed mesh: the exact union
+    resolves them. If cancelling would remove more than `SHEETS` of the area, the faces are the
+    two sides of sheets, and one side of each sheet is kept.
     """
     _, index, counts = np.unique(
         np.sort(faces, axis=1), axis=0, return_inverse=True, return_counts=True
     )
     if (counts == 1).all():
         return faces
-    # the parity of the vertex order gives a face's orientation
+    # the parity of the vertex order determines a face's orientation
     rolled = rotate_to_smallest(faces)
     side = np.where(rolled[:, 1] < rolled[:, 2], 1, -1)
     index = index.reshape(-1)
@@ -100,10 +100,10 @@ def _once(faces):
 
 
 def flip_flat_faces(vertices, faces, rounds=20):
-    """Flip the longest edge of every face without area, so that it and its neighbour have area.
+    """Flip the longest edge of each zero-area face, so that it and its neighbour have area.
 
-    A flat face's third corner is on its longest edge, so the two faces at that edge cover
-    the same surface before and after the flip.
+    The third corner of a flat face is on its longest edge. The two faces at that edge
+    therefore cover the same surface before and after the flip.
     """
     faces = faces.copy()
     for _ in range(rounds):
@@ -145,8 +145,8 @@ def orient(vertices, faces, nested="cavity"):
     ----------
     vertices, faces : ndarray
     nested : {"cavity", "solid"}
-        Whether a component wholly inside another bounds, by nesting parity, a
-        cavity (and inside that an island, …), or always a solid.
+        Meaning of a component wholly inside another: alternately a cavity and a
+        solid, by nesting depth; or always a solid.
 
     Returns
     -------
@@ -171,9 +171,9 @@ def orient(vertices, faces, nested="cavity"):
 def split(vertices, faces, straight=False):
     """Give every fan of faces its own vertices, so that all edges and vertices are manifold.
 
-    At an edge of more than two faces, those that bound the same wedge of the solid are
-    joined (Guéziec et al. 2001, "Cutting and Stitching"). Any remaining face keeps the
-    edge as a boundary. An edge whose wedges meet again at both ends is halved first.
+    At an edge with more than two faces, faces that bound the same wedge of the solid are
+    joined (Guéziec et al. 2001, "Cutting and Stitching"). For any other face the edge
+    becomes a boundary. An edge whose wedges meet again at both ends is halved first.
     Each copy of a vertex moves by `PARTING` into the solid that its faces bound.
 
     Parameters
@@ -181,8 +181,8 @@ def split(vertices, faces, straight=False):
     vertices, faces : ndarray
         Consistently oriented.
     straight : bool
-        Whether to move copies inward from all their faces if surfaces cross when they move
-        against their mean normals.
+        Whether to move copies inward from all their faces if moving them against their mean
+        normals makes surfaces cross.
 
     Returns
     -------
@@ -214,7 +214,7 @@ def _separate(vertices, faces):
 
 
 def _halve_nonmanifold_edges(vertices, faces):
-    """Insert a vertex at the midpoint of every edge of more than two faces."""
+    """Insert a vertex at the midpoint of every edge with more than two faces."""
     edges = EdgeTable(faces)
     crowded = np.flatnonzero(edges.nonmanifold)
     middle = vertices[edges.edges[crowded]].mean(axis=1)
@@ -236,7 +236,7 @@ def _cut(face, mid):
         polygon.append(face[k])
         if mid[k] >= 0:
             polygon.append(mid[k])
-    # a fan from the midpoint of an edge has no flat triangle
+    # start at an edge's midpoint: a fan from a corner could have a flat triangle
     k = polygon.index(next(m for m in mid if m >= 0))
     polygon = polygon[k:] + polygon[:k]
     if len(polygon) == 6:
@@ -246,7 +246,7 @@ def _cut(face, mid):
 
 
 def _wedges(vertices, faces, edges):
-    """Return the pairs (m, 2) of half-edges that bound a wedge at edges of more than two faces."""
+    """Return the pairs (m, 2) of half-edges that bound a wedge at a non-manifold edge."""
     order = np.argsort(edges.edge_of, kind="stable")
     starts = np.concatenate([[0], np.cumsum(edges.uses)])
     pairs = []
@@ -259,7 +259,7 @@ def _wedges(vertices, faces, edges):
         x = arm[0] / max(np.linalg.norm(arm[0]), 1e-300)
         angle = np.arctan2(arm @ np.cross(along, x), arm @ x)
         forward = edges.runs_forward[half]
-        # around the edge a backward face opens a wedge and a forward one closes it, like brackets
+        # around the edge, each backward face begins a wedge and each forward face ends one
         round_trip = half[np.lexsort((forward, angle))]
         opened = []
         closed = set()
@@ -276,10 +276,10 @@ def _wedges(vertices, faces, edges):
 
 
 def _part(vertices, faces, moving, straight):
-    """Separate the copies of vertices: each moves by `PARTING` into the solid that its faces bound.
+    """Move each copy of a vertex by `PARTING` into the solid that its faces bound.
 
     Copies move against their mean normals. If surfaces then cross, all copies move along
-    `_ways_in` (``straight``), or those that cross move outward if that leaves fewer crossings.
+    `_ways_in` (``straight``). Otherwise the crossing ones move outward if fewer then cross.
     """
     corners = vertices[faces]
     normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
@@ -304,8 +304,8 @@ def _part(vertices, faces, moving, straight):
 def _ways_in(vertices, faces, normal, moving):
     """Return unit vectors (V, 3) that point from copies of vertices into their solids, 0 elsewhere.
 
-    They point inward from all faces, so that moved surfaces meet no others. At a saddle there is
-    no such direction: the copy there that would gain the least depth does not move.
+    They point inward from all faces, so that moved surfaces meet no others. A saddle has no such
+    direction: of the copies at one place, the one that would gain the least depth does not move.
     """
     order = np.argsort(faces.reshape(-1), kind="stable")
     owner = faces.reshape(-1)[order]
@@ -324,9 +324,9 @@ def _ways_in(vertices, faces, normal, moving):
 
 
 def _inward(normals, rounds=60):
-    """Return the unit vector that leads deepest below all planes of normals (n, 3), and its depth.
+    """Return the unit vector that leads deepest below the planes of normals (n, 3), and its depth.
 
-    Each round turns it away from the plane below which it is least deep.
+    Each round turns the vector away from the plane below which it is least deep.
     """
     way, best = -normals.sum(axis=0), (np.zeros(3), -1.0)
     for turn in range(rounds):
@@ -341,9 +341,9 @@ def _inward(normals, rounds=60):
 def loosen(vertices, faces, crossings=crossing_faces, tries=40):
     """Perturb the corners of the last faces that cross or touch.
 
-    The coordinates of an exact union are rounded to float64, after which a few faces
-    may touch along a line. Each try moves their corners at random, by 1e-9 to 1e-6 of
-    the diagonal, and is kept if fewer faces cross.
+    After the coordinates of an exact union are rounded to float64, a few faces may touch
+    along a line. Each try moves their corners at random, by 1e-9 to 1e-6 of the diagonal.
+    The new positions are kept if fewer faces cross.
 
     Parameters
     ----------

@@ -4,10 +4,10 @@ Sampling vertices alone would not suffice: flipping the diagonal of a skew quad 
 every vertex but moves the surface. Faces that both meshes share have distance 0 and are
 not measured.
 
-Two kinds of surface are identified and not counted, as repair is meant to change them:
-*hidden* parts of the source, with its solid on both sides (walls inside a union), and
-*caps* of the result, where the source has no surface and its winding number is clearly
-between 0 and 1.
+Two kinds of surface are not counted, because repair is meant to change them. *Hidden*
+parts of the source have its solid on both sides (walls inside a union). *Caps* of the
+result are where the source has no surface and its winding number is clearly between 0
+and 1.
 """
 
 import igl
@@ -15,18 +15,18 @@ import numpy as np
 
 from pandis.pipeline.mesh.winding import WindingNumber
 
-#: Points per direction.
+#: Sample points per direction.
 SAMPLES = 100_000
 #: Distance from a face at which its two sides are examined, as a share of the diagonal.
 BESIDE = 1e-5
-#: A winding number is between 0 and 1 if it is farther than this from both.
+#: A winding number is clearly between 0 and 1 if it is farther than this from both.
 BETWEEN = 0.05
-#: Origins of a repaired mesh's faces.
+#: Possible origins of a face of a repaired mesh.
 ORIGINS = ("kept", "cut or moved", "cap of a hole")
 
 
 class Surface:
-    """A mesh to measure from and to; its trees are built when first needed.
+    """A mesh for measuring deviations; its trees are built when first needed.
 
     Parameters
     ----------
@@ -42,7 +42,7 @@ class Surface:
         self._tree = self._winding = None
 
     def distance(self, points):
-        """Return the distance (n,) of points (n, 3)."""
+        """Return the unsigned distance (n,) from points (n, 3) to the mesh."""
         if self._tree is None:
             self._tree = igl.AABB()
             self._tree.init(self.vertices, self.faces)
@@ -58,7 +58,7 @@ class Surface:
         return self._winding(points)
 
     def sample(self, count, rng, among):
-        """Draw points uniformly by area; omit those on faces outside ``among``.
+        """Draw ``count`` points uniformly by area; return those on faces in the mask ``among``.
 
         Returns
         -------
@@ -86,13 +86,13 @@ def deviation(source, result, seed, reference=None, wall=0.0, samples=SAMPLES):
     source, result : Surface
     seed : int
     reference : Surface, optional
-        The source, welded and oriented outward: its inside is defined even if
-        the source itself is a soup. By default the source.
+        The source after welding and outward orientation, so that its inside is
+        defined even if the source is a soup. By default the source.
     wall : float
-        Half the thickness if the surface was thickened into a wall: points deeper
-        in the result's solid are sealed in and count as hidden.
+        If the surface was thickened into a wall: half the wall's thickness (mesh
+        units). Points deeper in the result's solid count as hidden.
     samples : int
-        Points per direction, uniform by area.
+        Number of points per direction, uniform by area.
 
     Returns
     -------
@@ -126,21 +126,21 @@ def deviation(source, result, seed, reference=None, wall=0.0, samples=SAMPLES):
     if len(points):
         distance = reference.distance(points)
         far = np.flatnonzero(distance > 2 * BESIDE * source.diagonal)
-        if len(far) and not wall:  # beside a sheet, every winding number is between 0 and 1
+        if len(far) and not wall:  # winding numbers beside a sheet are all between 0 and 1
             caps[far] = np.abs(reference.windings(points[far]) - 0.5) < 0.5 - BETWEEN
     to_source = _summary(distance[~caps], samples) | {"caps": float(caps.sum() / samples)}
     return {"to_result": to_result, "to_source": to_source, "untouched": untouched}
 
 
 def provenance(source, result, reference):
-    """Return each face's origin in a repaired mesh, and its centre's distance from the source.
+    """Return each face's origin in a repaired mesh, and its centre's distance from the reference.
 
     Returns
     -------
     origin : ndarray, shape (F,), uint8
         An index into `ORIGINS`.
     distance : ndarray, shape (F,), float32
-        From the face's centre to the source, mesh units.
+        From each face's centre to the reference; 0 for shared faces; mesh units.
     """
     _, common, _ = _common(source, result)
     origin, distance = np.where(common, 0, 1).astype(np.uint8), np.zeros(len(common), np.float32)
@@ -176,7 +176,7 @@ def _summary(distance, samples):
 
 
 def _common(source, result):
-    """Return which faces each mesh shares with the other, and the share of kept positions."""
+    """Return a mask of shared faces for each mesh, and the share of kept corner positions."""
     both = np.concatenate([source.vertices, result.vertices]) + 0.0
     _, name = np.unique(both, axis=0, return_inverse=True)
     name = name.reshape(-1)
@@ -194,8 +194,8 @@ def _common(source, result):
 def inside_changed(reference, result, seed, count=20_000):
     """Return the share of the inside that a repair has added or lost.
 
-    Points count only if they are clearly inside or outside by the reference's winding
-    number; near its holes they are not.
+    Only points whose winding number in the reference is clearly that of inside or outside
+    count, which excludes points near its holes.
 
     Parameters
     ----------

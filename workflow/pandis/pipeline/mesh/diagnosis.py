@@ -1,4 +1,4 @@
-"""Diagnosis of a mesh: all faults that affect a signed distance."""
+"""Diagnosis of a mesh: counts all faults that affect a signed distance."""
 
 from dataclasses import asdict, dataclass, field
 
@@ -17,11 +17,11 @@ from pandis.pipeline.mesh.topology import (
 )
 from pandis.pipeline.mesh.winding import WindingNumber
 
-#: A face whose smallest altitude is this share of its longest edge, or less, has no normal.
+#: A face whose smallest altitude is at most this share of its longest edge has no usable normal.
 FLAT = 1e-13
 #: A face whose smallest altitude is at most this share of its longest edge is a sliver.
 SLIVER = 1e-2
-#: Points at which the winding number is checked, and rays that measure wall thickness.
+#: Number of points at which the winding number is checked, and of rays for wall thickness.
 WINDING_POINTS, THICKNESS_RAYS = 20_000, 2_000
 #: Maximum number of components listed, largest first.
 LISTED_COMPONENTS = 50
@@ -59,10 +59,10 @@ class Diagnosis:
     degenerate_faces: int
     sliver_faces: int
     unreferenced_vertices: int
-    split_vertices: int  # corners that coincide with another; merged for all other counts
+    split_vertices: int  # vertices that coincide with another; merged for all other counts
     inverted_components: int
     self_intersections: int
-    odd_windings: int  # of WINDING_POINTS in the box around the mesh
+    odd_windings: int  # among WINDING_POINTS in the bounding box
     volume: float
     area: float
     diagonal: float
@@ -83,7 +83,7 @@ class Diagnosis:
 
     @property
     def rank(self):
-        """Key by which repair compares meshes, lower is better: open, torn, all faults."""
+        """Sort key, lower is better: unbalanced edges, connectivity faults, all faults."""
         return (
             self.unbalanced_edges,
             self.nonmanifold_edges + self.nonmanifold_vertices + self.orientation_conflicts,
@@ -91,7 +91,7 @@ class Diagnosis:
         )
 
     def attributes(self):
-        """Return the diagnosis as an artifact's attribute."""
+        """Return the diagnosis as a dict, for an artifact's attributes."""
         return asdict(self) | {"closed": self.closed, "valid": self.valid}
 
     def faults(self):
@@ -111,8 +111,8 @@ class Diagnosis:
 def diagnose(vertices: Vertices, faces: Faces):
     """Examine a mesh.
 
-    Coincident corners are counted, then merged: a triangle soup has the faults of the
-    surface that it describes.
+    Coincident vertices are counted, then merged. The other faults of a triangle soup are
+    therefore those of the surface that it describes.
 
     Parameters
     ----------
@@ -173,14 +173,14 @@ def diagnose(vertices: Vertices, faces: Faces):
 def crossing_faces(vertices: Vertices, faces: Faces):
     """Return the pairs (m, 2) of faces that meet outside their shared vertices and edges.
 
-    The test is exact (libigl's predicates). Faces that merely touch count: where two
-    surfaces touch, the distance cannot be assigned to one of them.
+    The test is exact (libigl's predicates). Faces that merely touch count, because the
+    closest surface is ambiguous where two surfaces touch.
     """
     sound = np.flatnonzero(~repeats_a_vertex(faces))
     if not len(sound):
         return np.empty((0, 2), np.int64)
-    # libigl uses an absolute tolerance: scale the size to about 1, by a power of two, which
-    # rounds nothing; any other scale or shift could make coplanar faces cross
+    # libigl uses an absolute tolerance, so scale the size to about 1. A power of two avoids
+    # rounding: any other scale, or a shift, could make coplanar faces cross
     size = np.abs(np.ptp(vertices[faces[sound].reshape(-1)], axis=0)).max()
     scaled = np.ldexp(vertices, -int(np.frexp(size)[1]))
     _, pairs, _ = igl.predicates.find_self_intersections(
@@ -190,20 +190,20 @@ def crossing_faces(vertices: Vertices, faces: Faces):
 
 
 def count_distinct(faces: Faces):
-    """Return the number of different vertex triples."""
+    """Return the number of distinct vertex triples, regardless of their order."""
     ordered = np.sort(faces, axis=1)
     ordered = ordered[np.lexsort(ordered.T)]
     return 1 + int((np.diff(ordered, axis=0) != 0).any(axis=1).sum())
 
 
 def _unit_box(vertices, used):
-    """Centre and scale to longest side 1, as libigl's float32 and the thresholds require."""
+    """Centre and scale to a longest side of 1, for libigl's float32 and the thresholds."""
     low, high = vertices[used].min(axis=0), vertices[used].max(axis=0)
     return (vertices - (low + high) / 2) / (high - low).max()
 
 
 def altitudes(corners):
-    """Return smallest altitude over longest edge, and area, of faces with corners (F, 3, 3)."""
+    """Return (smallest altitude / longest edge) and area of faces with corners (F, 3, 3)."""
     sides = np.roll(corners, -1, axis=1) - corners
     longest = np.linalg.norm(sides, axis=2).max(axis=1)
     double = np.linalg.norm(np.cross(sides[:, 0], sides[:, 1]), axis=1)
@@ -214,7 +214,7 @@ def _odd_windings(unit, faces):
     half = np.ptp(unit[np.unique(faces)], axis=0) / 2
     points = np.random.default_rng(0).uniform(-1, 1, (WINDING_POINTS, 3)) * half
     turns = WindingNumber(unit, faces)(points)
-    # the mesh is closed, so these are whole numbers
+    # the mesh is closed, so winding numbers are whole: only 0 and 1 are within 0.75 of 0.5
     return int((np.abs(turns - 0.5) > 0.75).sum())
 
 
@@ -232,7 +232,7 @@ def _parts(component, count, volumes, depth):
 
 
 def _wall_thickness(unit, faces, area, scale):
-    """Return the minimum and the first percentile of wall thickness, along −normal."""
+    """Return minimum and first percentile of the wall thickness, measured along −normal."""
     rng = np.random.default_rng(0)
     start = np.minimum(
         np.searchsorted(np.cumsum(area) / area.sum(), rng.random(THICKNESS_RAYS)), len(faces) - 1

@@ -11,7 +11,7 @@ _BLOCK = 1 << 20
 
 
 def fetch(url, sha256, progress):
-    """Download a URL and return its bytes.
+    """Download a URL, check its SHA-256, and return its bytes.
 
     Raises
     ------

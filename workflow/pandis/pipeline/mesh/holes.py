@@ -1,9 +1,9 @@
-"""Hole filling with existing vertices: none is added, none moves.
+"""Hole filling with existing vertices: no vertex is added or moved.
 
 Every rim is triangulated by dynamic programming over all triangulations of its
 polygon (Barequet & Sharir 1995; weights of Liepa 2003, "Filling holes in
-meshes"): for the least maximum fold or for the least area, whichever crosses the
-mesh less. PyMeshLab's ear cutting was tried first. It leaves one hole of the Stanford
+meshes"). Either the maximum fold or the area is minimised, whichever makes fewer
+faces cross. PyMeshLab's ear cutting was rejected: it leaves one hole of the Stanford
 Bunny open, or its triangles cross the mesh there.
 """
 
@@ -13,7 +13,7 @@ from pandis.pipeline.mesh.diagnosis import crossing_faces
 from pandis.pipeline.mesh.topology import EdgeTable
 
 _WEIGHTS = ("fold", "area")
-#: Area cost of a triangle without area, where the polygon is scaled to size 1.
+#: Area cost of a triangle without area; the polygon is scaled to size 1.
 _FLAT = 1e3
 
 
@@ -24,7 +24,7 @@ def fill_holes(vertices, faces):
     ----------
     vertices : ndarray, shape (V, 3)
     faces : ndarray, shape (F, 3)
-        Manifold except at the rims, consistently oriented.
+        Manifold except at the rims, and consistently oriented.
 
     Returns
     -------
@@ -57,10 +57,10 @@ def fill_holes(vertices, faces):
 
 
 def _rims(faces, edges):
-    """Return the rims as lists of half-edges, each in the direction of its cap."""
+    """Return the rims as lists of half-edges, in the order in which caps traverse them."""
     half = np.flatnonzero(edges.boundary[edges.edge_of])
     start, end = edges.directed[half].T
-    # a cap runs against its neighbours: from end to start
+    # a cap traverses edges opposite to their faces: from end to start
     follow = dict(zip(end.tolist(), half.tolist(), strict=True))
     if len(follow) != len(half):
         raise ValueError("a vertex lies on two rims: split non-manifold vertices first")
@@ -88,7 +88,7 @@ def triangulate(vertices, faces, rim, known, weight):
     rim : list of int
         Half-edges, see `_rims`.
     known : set of (int, int)
-        Edges of the mesh, which a cap must not use again.
+        Edges (smaller index first) of the mesh, which a cap must not reuse.
     weight : {"fold", "area"}
 
     Returns
@@ -107,23 +107,23 @@ def triangulate(vertices, faces, rim, known, weight):
 
     chosen = least_cost_triangles(vertices[corner], weight, rim_normal, forbidden)
     if not len(chosen):
-        # every triangulation reuses an edge: let the diagnosis report it
+        # every triangulation reuses an edge: return a fan, whose faults the diagnosis reports
         return np.stack([np.full(n - 2, corner[0]), corner[1:-1], corner[2:]], axis=1)
     return corner[chosen]
 
 
 def least_cost_triangles(points, weight="area", rim_normal=None, forbidden=None):
-    """Find the triangulation of least cost of a closed polygon in space.
+    """Find the least-cost triangulation of a closed polygon in space.
 
     Parameters
     ----------
     points : ndarray, shape (n, 3)
     weight : {"fold", "area"}
         Minimise the largest fold, then the area; or the area, then the largest fold.
-        The sum of squared edges breaks remaining ties: it prefers round triangles.
+        The sum of squared edge lengths breaks remaining ties, which favours round triangles.
     rim_normal : ndarray, shape (n, 3), optional
-        Unit normals of the faces beyond edges k, from corner k to k + 1; by default the
-        rim has no folds.
+        Unit normal of the face beyond each edge k, which runs from corner k to k + 1. By
+        default, folds at the rim cost nothing.
     forbidden : callable, optional
         Takes two indices; returns whether the edge between them is forbidden.
 

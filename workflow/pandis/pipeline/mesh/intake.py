@@ -19,7 +19,7 @@ _LARGEST = 16 << 30
 
 
 def find_file(source):
-    """Return the path of a source that is a file: a path, or ``pymeshlab:NAME``.
+    """Return the path of a file source, given as a path or as ``pymeshlab:NAME``.
 
     Raises
     ------
@@ -38,19 +38,19 @@ def read_mesh(source, path, sha256=None, seconds=120.0, memory_gb=3.0):
     Parameters
     ----------
     source : str
-        The user's name for it, used in messages.
+        The user's name for the file, used in messages.
     path : Path
     sha256 : str, optional
         Expected digest of the file.
     seconds, memory_gb : float
-        Limits for the reader.
+        Limits on the reader's time (s) and memory (GB).
 
     Returns
     -------
     reading : pandis.pipeline.mesh.formats.Reading
         In mesh units.
     record : dict
-        ``format``, ``sha256`` and ``notes``.
+        ``format``, ``sha256`` and ``notes`` of the file.
 
     Raises
     ------
@@ -91,7 +91,7 @@ def read_mesh(source, path, sha256=None, seconds=120.0, memory_gb=3.0):
 
 @contextmanager
 def unpacked(source, path):
-    """Yield a file's path; a gzip file is unpacked while the body of ``with`` runs.
+    """Yield the path of a file; a gzip file is unpacked for the duration of the ``with`` block.
 
     Raises
     ------

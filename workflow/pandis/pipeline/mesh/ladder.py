@@ -1,4 +1,4 @@
-"""Runs rungs in their own processes, diagnoses the results, keeps or discards them, records why."""
+"""Runs rungs in child processes, diagnoses the results, and records why each is kept or not."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -31,7 +31,7 @@ class State(NamedTuple):
 
 @dataclass
 class Ladder:
-    """A mesh under repair, and the record of what has been done to it.
+    """A mesh under repair, with a record of all attempts to repair it.
 
     Attributes
     ----------
@@ -43,10 +43,10 @@ class Ladder:
     now : Diagnosis
         Diagnosis of the current mesh.
     rungs : list of dict
-        Every attempt: rung, operation, parameters, kept or not, why not, faults left.
+        Every attempt: rung, operation, parameters, whether kept, reason if not, remaining faults.
     source, reference : Surface
-        Meshes from which deviations are measured: the mesh as read, and the same
-        mesh welded and oriented outward, which has a defined inside.
+        Meshes from which deviations are measured: the mesh as read, and the same mesh
+        after welding and outward orientation, so that its inside is defined.
     deviation : dict or None
         Deviation of the current mesh; None if it was not measured.
     """
@@ -68,14 +68,14 @@ class Ladder:
         return rung in self.options.rungs
 
     def attempt(self, rung, operation, accept, **parameters):
-        """Run an operation in its own process; keep its result if ``accept`` returns None.
+        """Run an operation in a child process; keep its result if ``accept`` returns None.
 
         Parameters
         ----------
         rung : str
-            Its name in ``mesh.rungs``.
+            Name of the rung in ``mesh.rungs``.
         operation : str
-            See `pandis.pipeline.mesh.tools`.
+            A key of `pandis.pipeline.mesh.tools.OPERATIONS`.
         accept : callable
             Takes the result's vertices, faces and diagnosis; returns None or
             the reason for rejecting it.
@@ -121,7 +121,7 @@ class Ladder:
         return reason is None
 
     def state(self):
-        """Return a snapshot for `go_back`."""
+        """Return a snapshot, to be restored by `go_back`."""
         return State(
             self.vertices, self.faces, self.now, self.source, self.reference, self.deviation,
             [dict(entry) for entry in self.rungs],
@@ -130,7 +130,7 @@ class Ladder:
     def go_back(self, state):
         """Restore a snapshot; results kept since then are recorded as discarded."""
         since = self.rungs[len(state.rungs) :]
-        aside = {"kept": False, "reason": "discarded to try another way"}
+        aside = {"kept": False, "reason": "discarded to try another method"}
         self.rungs = state.rungs + [entry | aside if entry["kept"] else entry for entry in since]
         self.vertices, self.faces, self.now = state.vertices, state.faces, state.now
         self.source, self.reference = state.source, state.reference
@@ -142,14 +142,14 @@ class Ladder:
         return any(entry["kept"] and entry["operation"] == operation for entry in new)
 
     def leave_out(self, loose, what):
-        """Remove some faces; deviations are then measured without them.
+        """Remove faces from the mesh and from `source` and `reference`.
 
         Parameters
         ----------
         loose : ndarray, shape (F,)
-            The faces to remove.
+            Mask of the faces to remove.
         what : str
-            Their description.
+            Description of these faces, for the log.
         """
         self.vertices, self.faces = compact(self.vertices, self.faces[~loose])
         self.now = diagnose(self.vertices, self.faces)
@@ -177,7 +177,7 @@ class Ladder:
         return None if diagnosis.rank <= self.now.rank else "more faults than before"
 
     def better(self, vertices, faces, diagnosis):
-        """Accept fewer faults within the deviation budget."""
+        """Accept a mesh with fewer faults, within the deviation budget."""
         if not diagnosis.valid and diagnosis.rank >= self.now.rank:
             return "no fewer faults than before"
         return self.within_budget(vertices, faces, diagnosis)
@@ -189,7 +189,7 @@ class Ladder:
         return self.within_budget(vertices, faces, diagnosis)
 
     def within_budget(self, vertices, faces, diagnosis, allowance=0.0):
-        """Measure the deviation; return None or a description of what exceeds the budget."""
+        """Measure the deviation; return None if it is within the budget, else a reason."""
         del diagnosis
         result, seed = Surface(vertices, faces), self.seed
         changed = 0.0 if allowance else inside_changed(self.reference, result, seed)

@@ -12,7 +12,7 @@ def signed_volumes(vertices, faces, component, count):
 
 
 def nesting_depth(vertices, faces, component, count, crossings):
-    """Return the number of other components that wholly enclose each one.
+    """Return for each component the number of other components that wholly enclose it.
 
     Parameters
     ----------
@@ -21,7 +21,7 @@ def nesting_depth(vertices, faces, component, count, crossings):
     component : ndarray, shape (F,)
     count : int
     crossings : ndarray, shape (m, 2)
-        Pairs of faces that cross or touch: their components overlap, so that
+        Pairs of faces that cross or touch. Components of such faces overlap, so
         neither encloses the other.
 
     Returns
@@ -49,9 +49,9 @@ def nesting_depth(vertices, faces, component, count, crossings):
 
 
 def must_turn(volumes, depth):
-    """Return whether each closed component faces the wrong way.
+    """Return a mask (count,) of the closed components with the wrong orientation.
 
-    Inside an even number of others a component bounds a solid and must have positive
-    volume. Inside an odd number it bounds a cavity and must have negative volume.
+    A component inside an even number of others bounds a solid and must have positive
+    volume. One inside an odd number bounds a cavity and must have negative volume.
     """
     return (volumes > 0) != (depth % 2 == 0)

@@ -1,4 +1,4 @@
-"""Open surfaces: holes too large to fill without asking, and advice on what to do."""
+"""Open surfaces: finds holes too large to fill by default, and advises on options."""
 
 import igl
 import numpy as np
@@ -7,16 +7,16 @@ from pandis.pipeline.mesh.deviation import Surface
 from pandis.pipeline.mesh.remesh import orient_by_sight
 from pandis.pipeline.mesh.topology import EdgeTable, components
 
-#: Largest share of the area with nothing behind it for which capping is advised.
+#: Capping is advised only if at most this share of the area has no solid behind it.
 SHEETS = 0.05
-#: Small open pieces are debris if together they have less than this share of the area.
+#: Small open pieces are debris if their total share of the area is below this.
 DEBRIS = 0.01
 #: Advice for a surface that has no inside.
 THICKEN = "To turn it into a wall of mesh.thickness, set `mesh: {open: thicken}` for this mesh"
 
 
 def large_holes(vertices, faces, small_hole, max_edges):
-    """Return every hole that is not small, the widest first.
+    """Return every hole that is not small, the largest relative rim first.
 
     A hole is small if its rim is no longer than ``small_hole`` times its component's
     diagonal and has at most ``max_edges`` edges.
@@ -24,7 +24,7 @@ def large_holes(vertices, faces, small_hole, max_edges):
     Returns
     -------
     list of {"edges": int, "length": float, "rim": float}
-        ``rim`` is the length in diagonals of the component.
+        ``rim`` is the length divided by the component's diagonal.
     """
     label, _ = components(faces)
     edges = EdgeTable(faces)
@@ -40,7 +40,7 @@ def large_holes(vertices, faces, small_hole, max_edges):
 
 
 def loose_pieces(vertices, faces, small_hole, max_edges):
-    """Find the faces of open pieces with a large hole that the mesh does not need.
+    """Find the faces of open pieces with a large hole that can be left out.
 
     Parameters
     ----------
@@ -51,8 +51,8 @@ def loose_pieces(vertices, faces, small_hole, max_edges):
     Returns
     -------
     debris, inside : ndarray, shape (F,)
-        Faces of small stray pieces, as in scans; and faces of pieces wholly inside closed
-        parts.
+        Masks: faces of small stray pieces, as in scans; faces of pieces wholly inside
+        closed parts.
     """
     label, count = components(faces)
     edges = EdgeTable(faces)
@@ -74,7 +74,7 @@ def loose_pieces(vertices, faces, small_hole, max_edges):
         np.logical_and.at(least, label[open_[label]], within)
         inside = open_ & least
     small = np.sort(share[open_ & ~inside])
-    # share of the largest piece that is still debris together with all smaller ones
+    # share of the largest piece that, together with all smaller ones, is below DEBRIS
     most = small[: np.searchsorted(np.cumsum(small), DEBRIS)].max(initial=-1.0)
     debris = open_ & ~inside & (share <= most) & (np.arange(count) != share.argmax())
     if share[debris].sum() >= DEBRIS:
@@ -83,12 +83,12 @@ def loose_pieces(vertices, faces, small_hole, max_edges):
 
 
 def advice(vertices, faces, seed):
-    """Return a sentence that advises an option for an open surface."""
+    """Return a sentence that recommends an option for an open surface."""
     front, behind = _windings_beside(vertices, faces, seed)
     sheet = np.maximum(front, behind) < 0.5
     if sheet.mean() <= SHEETS and (behind > 0.7).mean() > 0.5:
         return "To close the holes nevertheless, set `mesh: {open: cap}` for this mesh"
-    return f"Much of it is a sheet with nothing behind it. {THICKEN}"
+    return f"Much of the surface is a sheet with no solid behind it. {THICKEN}"
 
 
 def _windings_beside(vertices, faces, seed):

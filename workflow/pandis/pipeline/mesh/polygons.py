@@ -1,7 +1,7 @@
 """Triangulation of polygons.
 
 Other mesh readers cut a polygon into a fan around its first corner. If the polygon is
-not convex, such a fan folds over itself and leaves the polygon.
+not convex, such a fan overlaps itself and extends beyond the polygon.
 """
 
 import numpy as np
@@ -10,7 +10,7 @@ from pandis.pipeline.mesh.holes import least_cost_triangles
 
 
 def triangulate_polygons(vertices, polygons):
-    """Cut polygons into triangles: the triangulation of least area covers the polygon once.
+    """Cut polygons into triangles; the triangulation of least area covers each polygon once.
 
     Parameters
     ----------
@@ -21,7 +21,7 @@ def triangulate_polygons(vertices, polygons):
     Returns
     -------
     ndarray, shape (F, 3), int64
-        In the order of the polygons.
+        Triangles, in the order of the polygons.
     """
     triangles = []
     for polygon in polygons:

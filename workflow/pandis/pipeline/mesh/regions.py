@@ -1,8 +1,8 @@
 """Regions: the materials of a mesh file's faces, and their transfer to the repaired mesh.
 
-OBJ, glTF and 3MF files name materials: a face of the repaired mesh gets the material of the
-file's nearest face. For OBJ, PLY, STL and OFF files, an array beside the file may assign materials
-face by face.
+OBJ, glTF and 3MF files name materials. Each face of the repaired mesh gets the material of the
+nearest face in the file. For OBJ, PLY, STL and OFF files, an array beside the file may assign a
+material to each face.
 """
 
 import igl
@@ -11,11 +11,11 @@ import numpy as np
 from pandis.base.errors import PandisError
 from pandis.pipeline.run.ask.sourcing import regions_file
 
-#: Most regions of a mesh: an index is one byte.
+#: Maximum number of regions of a mesh: an index is one byte.
 MOST = 255
 #: Formats whose readers preserve the order of a file's triangles.
 IN_ORDER = "obj", "ply", "stl", "off"
-#: Barycentric places where a face looks up its region: the centre, and next to each corner.
+#: Barycentric coordinates at which a face looks up its region: the centre, then near each corner.
 _PLACES = np.array([[1, 1, 1], [4, 1, 1], [1, 4, 1], [1, 1, 4]]) / np.array([[3], [6], [6], [6]])
 
 
@@ -89,7 +89,7 @@ def read_beside(path, form, count):
     if whose.shape != (count,) or whose.dtype.kind not in "biuU":
         raise PandisError(
             f"{beside}: an array of shape {whose.shape} and type {whose.dtype}; the mesh has "
-            f"{count:,} triangles: give as many whole numbers or names, in the same order"
+            f"{count:,} triangles: store as many integers or names, in the same order"
         )
     names, region = np.unique(whose, return_inverse=True)
     if len(names) > MOST:
@@ -105,7 +105,7 @@ def regions_after(mesh, region, names, vertices, faces, log):
     mesh : tuple of ndarray
         Vertices and faces as read.
     region : ndarray, shape (F,)
-        Region of each of these faces, an index into the names.
+        Region of each face as read: an index into the names.
     names : list of str
     vertices, faces : ndarray
         The repaired mesh.
@@ -148,5 +148,5 @@ def carry(vertices, faces, region, onto, onto_faces):
     candidates = region[nearest].reshape(len(_PLACES), -1)
     votes = (candidates[:, None] == candidates).sum(
         axis=1
-    )  # argmax returns the first of equals: the centre
+    )  # argmax returns the first of equal counts: the centre's region
     return np.take_along_axis(candidates, votes.argmax(axis=0)[None], axis=0)[0].astype(np.uint8)

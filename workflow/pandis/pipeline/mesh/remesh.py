@@ -1,10 +1,10 @@
-"""A closed surface from any oriented soup: the level set where the winding number is one half.
+"""Remeshes any triangle soup as the closed level set where the winding number is one half.
 
 Jacobson et al. 2013, "Robust inside-outside segmentation using generalized
-winding numbers". Marching cubes extracts the zero level of the exact distance, signed by
-the winding number with a gradual transition. This field is exact at the surface and
-continuous across holes, where there is no surface. Only cells near the surface or near a
-change of side are visited.
+winding numbers". Marching cubes extracts the zero level of a field: the exact distance
+times a side, which changes gradually with the winding number. The field is exact at the
+surface and continuous across holes. Only cells near the surface or near a change of side
+are visited.
 """
 
 import igl
@@ -15,14 +15,14 @@ from pandis.pipeline.mesh.winding import WindingNumber
 
 #: Depth of the octree at which every cell is visited.
 DENSE_LEVEL = 5
-#: Slope of the side, from outside (1) to inside (−1): it gets there at winding numbers 0.375 and
-#: 0.625, and is constant beyond them.
+#: Slope of the side, which falls from 1 (outside) at winding number 0.375 to −1 (inside) at 0.625
+#: and is constant beyond these.
 SLOPE = 4.0
 #: Corners of a cell in the order of libigl's marching cubes: around the bottom, around the top.
 _CORNERS = np.array(
     [[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0], [0, 0, 1], [1, 0, 1], [1, 1, 1], [0, 1, 1]]
 )
-#: Rays per patch that decide which of its sides is seen more.
+#: Maximum number of rays per patch that decide which of its sides is more visible.
 RAYS = 400
 
 
@@ -32,10 +32,10 @@ def winding_remesh(vertices, faces, level):
     Parameters
     ----------
     vertices, faces : ndarray
-        Need be neither closed nor manifold; rays decide which side of a patch is
+        Need not be closed or manifold. Rays decide which side of a patch is
         outside.
     level : int
-        2**level cells span 1.1 times the longest side.
+        Octree depth: 2**level cells span 1.1 times the longest side.
 
     Returns
     -------
@@ -54,7 +54,7 @@ def winding_remesh(vertices, faces, level):
         cells = _active(children, depth, field)
     corners, index = _corners_of(cells, level)
     value = field(corners / 2**level)
-    # a value of 0 at a node would produce faces without area
+    # a value of exactly 0 at a node would produce faces without area
     tiny = 1e-3 / 2**level
     value = np.where(np.abs(value) < tiny, np.where(value < 0, -tiny, tiny), value)
     v, f, _ = igl.marching_cubes(
@@ -84,7 +84,7 @@ class _Field:
 
 
 def _active(cells, depth, field):
-    """Return the cells that the surface may cross, and those around a change of side."""
+    """Return the cells that the surface may cross, and the cells around a change of side."""
     size = 2.0**-depth
     centres = np.ascontiguousarray((cells + 0.5) * size)
     near = field.distance(centres) <= size * np.sqrt(3) / 2 * 1.01
@@ -101,7 +101,7 @@ def _active(cells, depth, field):
 
 
 def _corners_of(cells, depth):
-    """Return the distinct corners (C, 3) of cells, and each cell's eight among them."""
+    """Return the distinct corners (C, 3) of cells, and each cell's indices (n, 8) into them."""
     keys = _key(cells[:, None] + _CORNERS, depth + 1)
     unique, index = np.unique(keys, return_inverse=True)
     return _cells(unique, depth + 1), index.reshape(-1, 8).astype(np.int64)
@@ -118,7 +118,7 @@ def _cells(keys, depth):
 
 
 def orient_by_sight(vertices, faces):
-    """Orient each manifold patch so that its front is the side from which more sky is visible.
+    """Orient each manifold patch so that its front is the side with more unobstructed rays.
 
     After Takayama et al. 2014, "A simple method for correcting facet
     orientations in polygon meshes based on ray casting". A closed patch that is
@@ -135,7 +135,7 @@ def orient_by_sight(vertices, faces):
     """
     faces = np.ascontiguousarray(faces, np.int64)
     used = vertices[np.unique(faces)]
-    # scaled to 1: libigl's rays miss faces of size 1e-9
+    # scale to 1, because libigl's rays miss faces of size 1e-9
     vertices = np.ascontiguousarray((vertices - used.min(axis=0)) / np.ptp(used, axis=0).max())
     edges = EdgeTable(faces)
     patch, count = components(faces) if not edges.nonmanifold.any() else _patches(faces)

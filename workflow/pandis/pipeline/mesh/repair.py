@@ -1,14 +1,14 @@
-"""Repair: from a mesh as read to a closed, manifold, outward one, or an error with the diagnosis.
+"""Repairs a mesh until it is closed, manifold and oriented outward, or reports its faults.
 
-The ladder is climbed no higher than needed. After each rung the mesh is diagnosed
-again. A rung's result is kept only if it improves the mesh and, from ``fill`` on,
-stays within the deviation budget:
+The rungs of the repair ladder are tried in order until the mesh is valid. The mesh is
+diagnosed after each rung. A result is kept only if it passes the rung's test (usually:
+fewer faults) and, from ``fill`` on, stays within the deviation budget:
 
 ======== ====================================================================
 clean    weld, drop degenerate and duplicate faces, orient outward, split
          contacts; lossless
 union    exact union of shells that cross or overlap
-fill     fill holes with a small rim, using existing vertices
+fill     fill holes with a small rim, without adding vertices
 meshfix  MeshFix on every component
 remesh   marching cubes where the winding number is one half
 wrap     alpha wrap
@@ -29,7 +29,7 @@ from pandis.pipeline.mesh.topology import EdgeTable, compact, components, one_si
 RUNGS = ("clean", "union", "fill", "meshfix", "remesh", "wrap")
 #: Octree levels tried by `remesh`: cells of 1/128 and 1/256 of 1.1 times the longest side.
 REMESH_LEVELS = (7, 8)
-#: Vertices are coplanar if their least singular value is at most this share of the largest.
+#: Vertices are coplanar if their smallest singular value is at most this share of the largest.
 FLAT = 1e-9
 #: Share of duplicate faces above which a mesh consists of sheets without thickness.
 SHEETS = 0.2
@@ -38,9 +38,9 @@ WRAP_ALPHA, WRAP_OFFSET = 0.005, 0.0002
 
 
 def repair(vertices: Vertices, faces: Faces, options, seed, log=print):
-    """Repair a mesh, climbing the ladder no higher than needed.
+    """Repair a mesh with as few rungs of the ladder as needed.
 
-    A mesh that is valid as read is returned bitwise unchanged, less unreferenced vertices.
+    A mesh that is valid as read is returned bitwise unchanged, without unreferenced vertices.
 
     Parameters
     ----------
@@ -63,8 +63,8 @@ def repair(vertices: Vertices, faces: Faces, options, seed, log=print):
     Raises
     ------
     PandisError
-        The mesh is open or remains invalid: the message has the diagnosis and the option
-        that would change the decision. Or a rung exceeded its limits.
+        The mesh is open or remains invalid (the message contains the diagnosis and an option
+        to proceed), or a rung exceeded its limits.
     """
     before = diagnose(vertices, faces)
     log(f"{before.vertices:,} vertices, {before.faces:,} faces; faults: {before.faults()}")
@@ -142,7 +142,7 @@ def _is_flat(vertices):
 
 
 def _without_inside(ladder, flat):
-    """Return whether a mesh has no inside and is to be thickened into a wall.
+    """Return whether a mesh has no inside and must be thickened into a wall.
 
     Raises
     ------
@@ -209,7 +209,7 @@ def _orient(ladder):
 
 
 def _clean(ladder):
-    """Weld and orient: the steps that need no judgement."""
+    """Weld vertices, drop degenerate and duplicate faces, and orient the rest outward."""
     if not ladder.allows("clean"):
         return
     ladder.attempt("clean", "clean", lambda *_: None)
@@ -221,9 +221,9 @@ def _clean(ladder):
 
 
 def _settle(ladder):
-    """Unite overlapping shells and split contacts, as long as that helps.
+    """Unite overlapping shells and split contacts, as long as faults decrease.
 
-    If split faces still cross at the end, try again with another way to separate them.
+    If split faces still cross at the end, try again with ``straight`` splitting.
     """
     before = ladder.state()
     _settle_by(ladder)
@@ -264,7 +264,7 @@ def _leave_walls_out(ladder):
     before = ladder.vertices[ladder.faces]
 
     def accept(vertices, faces, diagnosis):
-        # all remaining faces must have been there before: nothing may move
+        # every remaining face must be one of the given faces: nothing may move
         places = {tuple(sorted(map(tuple, corners))) for corners in before.tolist()}
         left = (tuple(sorted(map(tuple, corners))) for corners in vertices[faces].tolist())
         if not all(corners in places for corners in left):
@@ -295,7 +295,7 @@ def _fill(ladder):
 
 
 def _thicken(ladder):
-    """Wrap the surface from both sides; the offset creates the wall."""
+    """Turn the surface into a wall: wrap it on both sides at an offset."""
     half = ladder.options.thickness / 2
 
     def accept(vertices, faces, diagnosis):

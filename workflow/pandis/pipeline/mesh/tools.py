@@ -1,6 +1,6 @@
-"""Operations in separate processes: readers, rungs of the repair, tools under other licences.
+"""Operations that run in child processes: readers, repair rungs, tools under other licences.
 
-A crafted file can take hours to read, some tools crash or hang, and PyMeshLab, the exact union and
+A crafted file can take hours to read. Some tools crash or hang. PyMeshLab, the exact union and
 MeshFix are GPL or AGPL. Each call therefore runs ``python -m pandis.pipeline.mesh.tools`` with
 limits on time and memory. Arrays are passed as ``.npz`` in float64, never in a mesh format.
 """
@@ -21,7 +21,7 @@ from pandis.pipeline.mesh.formats import read as read_format
 
 
 class ToolError(Exception):
-    """A tool failed; the message briefly says how."""
+    """A tool failed; the message is a short reason."""
 
 
 class LimitError(ToolError):
@@ -34,13 +34,13 @@ def call(operation, vertices=None, faces=None, *, seconds, memory_gb, **paramete
     Parameters
     ----------
     operation : str
-        A key of OPERATIONS.
+        A key of `OPERATIONS`.
     vertices, faces : ndarray, optional
         The mesh to work on.
     seconds, memory_gb : float
-        Limits, beyond which the child is terminated.
+        Limits on time (s) and memory (GB).
     **parameters
-        Numbers and strings for the operation.
+        Further arguments of the operation: numbers and strings.
 
     Returns
     -------
@@ -50,9 +50,9 @@ def call(operation, vertices=None, faces=None, *, seconds, memory_gb, **paramete
     Raises
     ------
     LimitError
-        It ran out of time or memory.
+        The operation exceeded its limit on time or memory.
     ToolError
-        It crashed or raised an exception.
+        The operation crashed or raised an exception.
     """
     return _run(operation, (vertices, faces), seconds, memory_gb, parameters)[:2]
 
@@ -167,14 +167,14 @@ def split(vertices, faces, straight=False):
 
 
 def union(vertices, faces):
-    """Compute the union of all that the mesh encloses, in exact arithmetic (libigl and CGAL)."""
+    """Compute the union of all enclosed volumes in exact arithmetic, with libigl and CGAL."""
     from igl.copyleft import cgal
 
     from pandis.pipeline.mesh import cleanup
     from pandis.pipeline.mesh.topology import EdgeTable, rotate_to_smallest
 
     def crossings(v, f):
-        """Combine both tests: each misses some pairs of nearly flat faces."""
+        """Combine two tests, because each misses some pairs of nearly flat faces."""
         exact = cgal.remesh_self_intersections(v, f, detect_only=True)[2]
         return np.concatenate([cleanup.crossing_faces(v, f), exact.reshape(-1, 2)])
 
@@ -183,12 +183,12 @@ def union(vertices, faces):
     )
     if not len(faces):
         return vertices, faces
-    # sort: the order of a cut face's pieces differs from run to run
+    # sort the pieces of cut faces, because their order differs from run to run
     faces = rotate_to_smallest(faces)
     faces = faces[np.lexsort((*faces.T[::-1], birth))]
     if not len(crossings(vertices, faces)):
         return vertices, faces
-    # rounding to float64 made faces cross: weld close vertices, then perturb the rest
+    # rounding to float64 made faces cross: weld close vertices, then perturb remaining ones
     diagonal = np.linalg.norm(np.ptp(vertices, axis=0))
     welded = cleanup.clean(vertices, faces, 1e-9 * diagonal)
     if len(welded[1]) and EdgeTable(welded[1]).balanced:
@@ -200,10 +200,10 @@ def union(vertices, faces):
 
 
 def skin(vertices, faces):
-    """Remove the walls between the cells of one body, which are not its surface (libigl and CGAL).
+    """Remove the walls between the cells of one body, with libigl and CGAL.
 
-    In each connected piece with edges of more than two faces, only faces with the outside on
-    exactly one side stay. They are oriented towards it.
+    A connected piece with edges of more than two faces keeps only the faces with the outside on
+    exactly one side. These are oriented outward.
     """
     from igl.copyleft import cgal
 
@@ -232,7 +232,7 @@ def fill(vertices, faces):
 
 
 def meshfix(vertices, faces):
-    """Repair each component with MeshFix (Attene 2010), which handles single bodies only."""
+    """Repair each component separately with MeshFix (Attene 2010), which handles single bodies."""
     import pymeshfix
     from scipy.spatial import cKDTree
 
@@ -251,7 +251,7 @@ def meshfix(vertices, faces):
     if not parts:
         return np.empty((0, 3)), np.empty((0, 3), np.int64)
     fixed = np.concatenate([p[0] for p in parts])
-    # MeshFix rounds: restore the coordinates of vertices that it has not moved
+    # MeshFix rounds coordinates: restore those of vertices that it has not moved
     diagonal = np.linalg.norm(np.ptp(vertices[np.unique(faces)], axis=0))
     gap, nearest = cKDTree(vertices).query(fixed)
     still = gap <= 1e-6 * diagonal
@@ -311,7 +311,7 @@ OPERATIONS = {
 
 
 def main(arguments):
-    """Run one operation and store its mesh."""
+    """Run one operation and store the resulting mesh."""
     operation, parameters, source, output = arguments
     operate = OPERATIONS[operation]
     if Path(source).is_file():

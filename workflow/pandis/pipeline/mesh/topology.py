@@ -1,7 +1,7 @@
 """Connectivity of a triangle mesh: edges, rims, fans around a vertex, components.
 
-Most functions use indices only; positions matter for lengths and for coincident vertices.
-None modifies its arguments.
+Most functions use only indices; positions are needed for lengths and for coincident vertices.
+No function modifies its arguments.
 """
 
 import igl
@@ -20,9 +20,9 @@ class EdgeTable:
     edges : ndarray, shape (E, 2)
         Vertex indices, the smaller first.
     edge_of : ndarray, shape (3 F,)
-        The edge of each half-edge.
+        Index of each half-edge's edge.
     uses, forward : ndarray, shape (E,)
-        Number of faces at the edge, and of those that traverse it from the smaller index.
+        Number of faces at each edge; number of them that traverse it from its smaller index.
     """
 
     def __init__(self, faces):
@@ -48,7 +48,7 @@ class EdgeTable:
 
     @property
     def balanced(self):
-        """Whether faces traverse each edge equally often both ways: the mesh bounds a solid."""
+        """Whether faces traverse each edge equally often in both directions, as around a solid."""
         return bool((2 * self.forward == self.uses).all())
 
     @property
@@ -72,7 +72,7 @@ class EdgeTable:
         return order[self.uses[self.edge_of[order]] == 2].reshape(-1, 2)
 
     def holes(self, vertices):
-        """Return edge count and length of each connected rim, longest first."""
+        """Return the edge count and the length of each connected rim, longest first."""
         rim = self.directed[self.boundary[self.edge_of]]
         if not len(rim):
             return []
@@ -105,7 +105,7 @@ def connected(pairs, count):
 
 
 def one_sided(faces):
-    """Return which faces (F,) belong to a closed manifold piece with only one side.
+    """Return a mask (F,) of the faces of closed manifold pieces with only one side.
 
     Such a piece, for example a Klein bottle, cannot be oriented consistently and has no inside.
     """
@@ -116,7 +116,7 @@ def one_sided(faces):
     one, other = half[starts[pairs]], half[starts[pairs] + 1]
     agree = edges.runs_forward[one] != edges.runs_forward[other]
     f, g = one // 3, other // 3
-    # each face is two nodes, one per side; each side is linked to the neighbour's same side
+    # the graph has two nodes per face, its sides, each linked to the neighbour's same side
     ways = [(f, np.where(agree, g, g + count)), (f + count, np.where(agree, g + count, g))]
     start, end = (np.concatenate(side) for side in zip(*ways, strict=True))
     graph = coo_array((np.ones(len(start)), (start, end)), shape=(2 * count, 2 * count))
@@ -133,7 +133,7 @@ def components(faces):
 
 
 def fans(faces, edges, also=None):
-    """Return the fan of each corner (3 F,): faces around a vertex joined across manifold edges.
+    """Return the fan of each corner (3 F,): faces that manifold edges join around its vertex.
 
     A vertex with more than one fan is not manifold. Fans are numbered by their
     smallest corner index (``3 f + k``).
@@ -148,7 +148,7 @@ def fans(faces, edges, also=None):
     half = edges.pairs()
     if also is not None:
         half = np.concatenate([half, also])
-    # corners of two faces at the same end of their common edge
+    # join the corners of two faces at the same end of their common edge
     corner = (3 * (half // 3))[..., None] + np.stack([half % 3, (half + 1) % 3], axis=-1)
     vertex = faces.reshape(-1)[corner]
     pairs = []
@@ -169,19 +169,19 @@ def nonmanifold_vertices(faces, edges):
 
 
 def same_place(vertices):
-    """Return for each vertex the index of the first one with the same coordinates."""
+    """Return for each vertex the index of the first vertex with the same coordinates."""
     _, first, index = np.unique(vertices + 0.0, axis=0, return_index=True, return_inverse=True)
     return first[index.reshape(-1)].astype(np.int64)
 
 
 def repeats_a_vertex(faces):
-    """Return which faces use a vertex twice."""
+    """Return a mask (F,) of the faces that use a vertex more than once."""
     a, b, c = faces.T
     return (a == b) | (b == c) | (c == a)
 
 
 def rotate_to_smallest(faces):
-    """Rotate every face to begin with its smallest index; its orientation is unchanged."""
+    """Rotate each face so that it begins with its smallest index; its orientation is unchanged."""
     start = np.argmin(faces, axis=1)
     return np.take_along_axis(faces, (start[:, None] + [0, 1, 2]) % 3, axis=1)
 

@@ -1,22 +1,22 @@
-"""Winding numbers of a mesh, closed or not, computed with a tree and refined where unclear.
+"""Winding numbers of an open or closed mesh, computed with a tree and refined where unclear.
 
-Jacobson et al. 2013; Barill et al. 2018. The tree bounds the cost per point for any mesh. The exact
-sum over all faces would take a quarter of an hour with a hundred thousand faces and many points
-whose winding numbers are not whole.
+See Jacobson et al. 2013 and Barill et al. 2018. The tree bounds the cost per point for any mesh.
+With a hundred thousand faces and many points whose winding numbers are not whole, the exact sum
+over all faces would take a quarter of an hour.
 """
 
 import numpy as np
 
 from pandis.engine.bvh import Bvh
 
-#: Numbers farther than this from a whole one are computed again, with finer clusters.
+#: Winding numbers farther than this from an integer are recomputed with finer clusters.
 CLEAR = 0.1
-#: Distance, in radii, from which a cluster of faces counts as one: at first, and where unclear.
+#: Distance from which a cluster replaces its faces, in cluster radii: first pass and refinement.
 ROUGH, FINE = 3.0, 12.0
 
 
 class WindingNumber:
-    """The winding number of a mesh, closed or not.
+    """The winding number of an open or closed mesh.
 
     Parameters
     ----------
@@ -29,7 +29,7 @@ class WindingNumber:
         corners = vertices[used]
         self.centre = (corners.min(axis=0) + corners.max(axis=0)) / 2
         self.scale = 1 / np.ptp(corners, axis=0).max()
-        # clusters are float32: they need coordinates of size 1
+        # clusters are stored as float32, which requires coordinates of about 1
         self._tree = Bvh((corners - self.centre) * self.scale, index.reshape(-1, 3))
 
     def __call__(self, points):

@@ -10,8 +10,8 @@ from pandis.pipeline.run.ask.kind import AUTO
 def build_seconds(mesh, fields, folder):
     """Return the seconds of the last job that built each field.
 
-    A job that resumed from a checkpoint counts from there. Times are stored beside the artifacts,
-    not in them; a field without a time is left out.
+    For a job that resumed from a checkpoint, only the time since then counts. Times are stored
+    beside the artifacts, not in them; a field without a time is left out.
 
     Parameters
     ----------
@@ -23,7 +23,7 @@ def build_seconds(mesh, fields, folder):
     Returns
     -------
     dict of str to float
-        0 if nothing is built beyond the mesh.
+        By field; 0 if nothing is built beyond the mesh.
     """
     seconds = {}
     for field in fields:

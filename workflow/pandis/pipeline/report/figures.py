@@ -16,7 +16,7 @@ from pandis.pipeline.run.records.samples import SamplesRecord
 _COLOURS = {form: one for kind in KINDS.values() for form, one in kind.colours.items()}
 _COLOURS[AUTO] = "#e4572e"
 _UNCHANGED, _CAP = (176, 190, 214), (60, 160, 90)
-#: Colours of trained fields, in order, and of kinds that define none.
+#: Colours of trained fields, in order; colour of fields whose kind defines none.
 _LEARNED = ("#d62828", "#f3722c", "#b5179e", "#f48fb1", "#7f1d1d", "#ff7f50")
 _OTHER = "#708090"
 
@@ -46,7 +46,7 @@ def heat_map(vertices, faces, origin, deviation, diagonal):
     origin : ndarray, shape (F,)
         See `pandis.pipeline.mesh.deviation.ORIGINS`.
     deviation : ndarray, shape (F,)
-        Mesh units.
+        Distance of each face from the source, mesh units.
     diagonal : float
         Diagonal of the mesh, mesh units.
     """
@@ -68,7 +68,7 @@ def heat_map(vertices, faces, origin, deviation, diagonal):
 
 
 def holding(vertices, faces, pushed, holding_newtons):
-    """Draw how hard the walls of a mesh hold, from two sides.
+    """Draw the largest force of a mesh's walls against a push, from two sides.
 
     Parameters
     ----------
@@ -77,7 +77,7 @@ def holding(vertices, faces, pushed, holding_newtons):
     pushed : ndarray, shape (n, 3)
         Points of the surface, unit frame.
     holding_newtons : ndarray, shape (n,)
-        The largest force there.
+        Largest force against a push at each point, N.
     """
     _, nearest = cKDTree(pushed).query(vertices[faces].mean(axis=1), k=3)
     newtons = holding_newtons[nearest].mean(axis=1)
@@ -142,14 +142,14 @@ def quiver(fields, size=32, half=1.0):
 
 
 def samples(artifact, limit=4000):
-    """Draw the training points on a plane, and how far they are from the surface.
+    """Draw the training points near a plane, and the distribution of their distances.
 
     Parameters
     ----------
     artifact : pandis.pipeline.run.job.artifact.Artifact
         Artifact of kind ``samples``.
     limit : int
-        Points shown on the plane.
+        Approximate number of points shown on the plane.
     """
     points, distance, tied = (artifact.arrays[k] for k in ("points", "distance", "tied"))
     figure = Figure(figsize=(11, 4.6), layout="constrained")
@@ -171,7 +171,7 @@ def samples(artifact, limit=4000):
             part = np.clip(distance[start:stop], edges[0], edges[-1])
             counted = bars.hist(part, edges, histtype="step", label=f"{name} ({stop - start:,})")
             numbers[name] = counted[0].astype(int)
-    bars.set(yscale="log", xlabel="signed distance (unit frame; the end bins hold the rest)")
+    bars.set(yscale="log", xlabel="signed distance (unit frame; the end bins contain the rest)")
     bars.set_ylabel("points")
     bars.legend(frameon=False, fontsize=7, title="stratum")
     return save(figure, numbers)
@@ -211,10 +211,10 @@ def _spherical(force):
 
 
 def error_against_time(rows, specs, networks):
-    """Draw the mean contact error against the time of a query in C, and against jumps.
+    """Draw the mean contact error against the time of a query in C, and against force changes.
 
-    The line joins the usable fields that no other one beats in both. Fields that may not be used
-    are hollow.
+    A line joins the usable fields that no other field beats in both quantities. Markers of
+    unusable fields are hollow.
     """
     figure = Figure(figsize=(10.5, 4.6), layout="constrained")
     by_name = {spec.name: spec for spec in specs}

@@ -170,7 +170,7 @@ def mesh_section(name, artifacts, field_names, files=()):
 
 
 def _versions(artifacts):
-    """Return the versions behind artifacts, by package."""
+    """Return the versions recorded in artifacts, by package."""
     versions = {}
     for artifact in artifacts:
         versions |= artifact.provenance.get("versions", {})
@@ -178,7 +178,7 @@ def _versions(artifacts):
 
 
 def _chosen(record):
-    """Return a choice, with its measured figures and the required ones in words."""
+    """Return the choice as a dict, with measured errors and limits in words."""
     scale, limits = record.scale, Limits(**record.limits)
     mean = describe_force(limits.mean, scale.newtons, scale.mean_force)
     tail = describe_force(limits.tail, scale.newtons, scale.mean_force)
@@ -201,7 +201,7 @@ def _verdicts(questions, answers, failures):
 
 
 def _heat_map(mesh, vertices, record):
-    """Return a picture of the changes by the repair; None if it changed nothing."""
+    """Return a picture of what the repair changed; None if it changed nothing."""
     if not mesh.arrays["origin"].any():
         return None
     columns = (mesh.arrays[key] for key in ("faces", "origin", "deviation"))
@@ -221,7 +221,7 @@ def _training(model):
     symbol = "‖∇Φ‖" if model.architecture.outputs == 1 else "‖Ψ‖"
     return (
         f"{model.steps:,} steps on {model.device}; force error on its "
-        "own held-out points (half of them at most 0.01 deep, so not the contact error below): "
+        "own held-out points (half at most 0.01 deep, so it differs from the contact error): "
         f"mean {error.mean:.2e}, p99 {error.p99:.2e}; "
         f"{symbol} {size.mean:.3f} ± {size.std:.3f}"
     )
@@ -235,7 +235,7 @@ def _first(rows, networks):
 
 
 def _sentence(rows, networks, closed_form):
-    """Return sentences: the best field where a probe can press, and how the networks compare."""
+    """Return sentences on the best field where a probe can press, and on the networks' errors."""
     known = [row for row in rows if row["bytes"] != ""]
     approximate = [row for row in known if row["field"] != "exact" and row["trajectory_mean"] > 0]
     if not approximate:
@@ -244,21 +244,24 @@ def _sentence(rows, networks, closed_form):
     if able:
         best = min(able, key=lambda row: row["contact_mean"])
         text = (
-            "Of the approximate fields that failed no question of the stress suite and lack no "
-            f"part of the surface, {best['field']} has the lowest error where a probe can press: "
+            "Of the approximate fields that fail no question of the stress suite and lack at most "
+            f"0.5 % of the surface, {best['field']} has the lowest error where a probe can press: "
             f"{best['contact_millinewtons']:.3g} mN on average, {best['contact_percent']:.2g} % of "
             "the mean force."
         )
     else:
-        text = "Every approximate field fails a question of the stress suite, or lacks surface."
+        text = (
+            "Every approximate field fails a stress question, lacks too much of the surface, or "
+            "could not be judged on enough of it."
+        )
     error = {row["field"]: row["trajectory_mean"] for row in approximate}
     base = next((b for b in BASELINES if error.get(b)), None)
-    box = "the mesh's own box, as the paper's" if base == BASELINES[0] else "the unit frame's cube"
+    box = "the mesh's own box, as in the paper" if base == BASELINES[0] else "the unit frame's cube"
     for name in networks:
         if base and name in error:
             text += (
                 f" On the trajectory {name} has {error[name] / error[base]:.2f} times the error of "
-                f"{base}, on {box}."
+                f"{base}, which covers {box}."
             )
     exact = next((r for r in rows if r["field"] == "exact" and r["native_p50_us"] != ""), None)
     if exact:
@@ -331,7 +334,7 @@ def _percent(share):
 
 
 def _number(value):
-    """Format a cell: three significant digits, no exponent where it is readable without."""
+    """Format a cell: three significant digits, and an exponent only for extreme values."""
     if isinstance(value, bool | str):
         return value
     if isinstance(value, int | np.integer):

@@ -23,8 +23,8 @@ CUBES = {
     if BOX in field
 }
 _CONTACT = list(SETS)[-1]
-#: Table 1 (two counts are misprints: the Armadillo has 172,974 vertices, the Dragon 871,414
-#: faces), Table 2 above and below, Table 3 (ms, the first device), Table 4.
+#: Printed figures of Tables 1 to 4; those of Table 3 are in ms, on the first device. Two counts of
+#: Table 1 are misprints: the Armadillo has 172,974 vertices, the Dragon 871,414 faces.
 PRINTED = {
     "bunny": {
         "vertices": 35_947,
@@ -51,7 +51,7 @@ PRINTED = {
         "error": (0, 0.176, 0.054, 0.171, 0.041, 0.068),
     },
 }
-#: Table 5, by field. Other readings of a method have no printed figure.
+#: Printed figures of Table 5, by field. Other readings of a method have no printed figure.
 SPHERE = {
     "exact": 0,
     "nearest-100": 0.097,
@@ -76,7 +76,7 @@ class Table(NamedTuple):
 
 
 def tables(sections):
-    """Return those of the paper's tables for which the sections contain meshes.
+    """Return the paper's tables whose meshes are among the sections.
 
     Parameters
     ----------
@@ -156,7 +156,7 @@ def _setup(scans):
         _heads(scans, "paper", "here"),
         _each(scans, cells),
         "Here: the job that built the field, from start to written artifact; NN-i and Tri-i share "
-        "one. The paper queried its ground truth, which has no tree, at every node.",
+        "a job. The paper queried its ground truth, which has no tree, at every node.",
     )
 
 
@@ -166,7 +166,7 @@ def _space(scans):
         size = f"{row['bytes'] / 1024:,.0f} KB" if row else "0" if field == BRUTE else ""
         return PRINTED[section.name]["bytes"][index], size
 
-    note = "Here: the memory that a program needs to answer, for GT in addition to the mesh itself."
+    note = "Here: the memory that a program needs for queries; for GT, beyond the mesh itself."
     rows = _each(scans, cells)
     return Table("Table 2, below: space", _heads(scans, "paper", "here"), rows, note)
 
@@ -189,8 +189,8 @@ def _times(scans):
         rows,
         "Here: medians of single queries on one thread, one after the other along the trajectory; "
         "in C: pandis.h; from Python: ONNX Runtime, or pandis.h; caches empty: from "
-        "Python, with 64 MB written between queries. GT visits every face, exact only some, by a "
-        "tree. The paper's programs were in C++, its network in LibTorch.",
+        "Python, with 64 MB written between queries. GT visits every face; exact uses a tree and "
+        "visits only some. The paper's programs were in C++, its network in LibTorch.",
     )
 
 
@@ -280,8 +280,8 @@ def _sphere(section):
             "% of the mean force",
         ),
         rows,
-        "The printed errors cannot be right: NN-i and Tri-i on 100³ nodes differ about sixtyfold, "
-        "those printed by a factor of 1.2, and NN-i, Tri-i and [22] share a floor near 0.08.",
+        "The printed errors cannot be right: on 100³ nodes NN-i and Tri-i differ about sixtyfold, "
+        "but only by a factor of 1.2 in print, and NN-i, Tri-i and [22] share a floor near 0.08.",
     )
 
 

@@ -5,7 +5,7 @@ from pandis.pipeline.judge.servo.attached import SHARE
 
 
 def picks(rows, hardware, folder):
-    """Return, of the fields that may be used, the exact one and the best of the others.
+    """Return the files to use: those of the exact field and of the best other field.
 
     Parameters
     ----------
@@ -67,7 +67,7 @@ def _file_is_sound(verdict):
     devices = verdict.devices.values()
     pressed = all(device.holds and not device.pressed_missing for device in devices)
     holds = not any(touched.passes for touched in _touched(verdict))
-    if _lets_through(verdict)[0]:  # then it is recommended through a proxy
+    if _lets_through(verdict)[0]:  # the field is recommended with a proxy
         holds = holds and verdict.proxy.in_time
     whole = verdict.agrees and verdict.in_time and verdict.walls.holds and pressed and holds
     return bool(whole and _safe(verdict) != 0)
@@ -79,9 +79,9 @@ def _touched(verdict):
 
 
 def _lets_through(verdict):
-    """Return how many hard presses penalty forces let through, and the number of all hard presses.
+    """Return the number of hard presses that penalty forces let through, and of all hard presses.
 
-    The numbers are those of the worst device.
+    Both numbers are those of the worst device.
     """
     counts = [(t.penalty_passes, t.presses) for t in _touched(verdict)]
     return max(counts, default=(0, 0))
@@ -90,7 +90,7 @@ def _lets_through(verdict):
 def _safe(verdict):
     """Return the stiffness that is safe in the lightest hand on every device; None without devices.
 
-    It is that of the recommended force: of a proxy if penalty forces let hard presses through.
+    It refers to the recommended force: that of a proxy if penalty forces let hard presses through.
     """
     felt = _touched(verdict) if _lets_through(verdict)[0] else verdict.devices.values()
     hands = [device.hands for device in felt]

@@ -1,4 +1,4 @@
-"""Figures as the page contains them: to view, to print, and as numbers."""
+"""Figures of the page in three forms: SVG to view, PDF to print, and CSV with the numbers."""
 
 import base64
 import io
@@ -14,7 +14,7 @@ mpl.rcParams["svg.fonttype"] = "none"
 mpl.rcParams["font.size"] = 9
 mpl.rcParams["axes.spines.top"] = mpl.rcParams["axes.spines.right"] = False
 
-#: Characters that need no escape in a URI within an attribute: shorter than base 64.
+#: Characters left unescaped in a URI within an attribute, which keeps it shorter than base 64.
 _SAFE = " !$()*+,-./:;=?@[]_~{}|^"
 
 
@@ -26,7 +26,7 @@ class Picture(NamedTuple):
     svg, pdf : str
         ``data:`` URIs.
     csv : str
-        The numbers that are plotted; empty if they are those of an artifact.
+        The plotted numbers; empty if an artifact contains them.
     """
 
     svg: str
@@ -43,7 +43,7 @@ def save(figure, numbers=None, dpi=110):
     numbers : dict of str to sequence, optional
         Columns of the table of numbers; they may differ in length.
     dpi : int
-        Resolution of the parts that are pixels.
+        Resolution of rasterised parts, dots per inch.
     """
     figure.draw_without_rendering()
     figure.set_layout_engine("none")  # the layout is fixed, the same for both files

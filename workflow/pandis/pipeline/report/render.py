@@ -1,12 +1,12 @@
-"""A picture of a mesh without a graphics library: dense surface points and a depth buffer."""
+"""Renders a mesh without a graphics library, from dense surface points and a depth buffer."""
 
 import numpy as np
 
 from pandis.pipeline.geometry.sampling import Surface
 
-#: A view from the front, a little from the left and from above.
+#: Default direction to the eye: the front (+z), a little toward +x and +y (up).
 VIEW = (0.45, 0.35, 1.0)
-#: Pixels that are drawn along each side of an output pixel.
+#: Supersampling: pixels drawn along each side of an output pixel.
 _FINER = 2
 
 
@@ -89,7 +89,7 @@ def camera(view, up):
 
 
 def project(points, axes, size):
-    """Return row, column and depth (toward the eye) of points, seen from far away."""
+    """Return row, column and depth (toward the eye) of points in orthographic projection."""
     x, y, depth = (points @ axes.T).T
     half = size / 2
     column = np.clip(half + x * half * 0.78, 0, size - 1).astype(np.int64)

@@ -51,5 +51,5 @@ def read_seal(path):
 
 
 def _digest(data, text):
-    """Return the checksum of a file and its provenance, and the space after it."""
+    """Return the checksum of a file and its provenance, followed by a space."""
     return hashlib.sha256(data + text).hexdigest().encode() + b" "

@@ -27,7 +27,7 @@ class Section:
     columns : dict of str to str
         Titles of the columns that are not empty.
     built, sound : int
-        Fields that were built, and those that may be used.
+        Numbers of fields that were built, and of fields that may be used.
     per_unit, metres : float
         Newtons per mesh unit of depth, and metres per mesh unit under the device.
     judged, walls : float, int
@@ -38,11 +38,11 @@ class Section:
     sentence, paths_said : str
     repair : list of str
     verdicts, proxy_verdicts, notes : dict of str to str
-        Failures of a field, alone and through a proxy; training of a network.
+        By field: failures alone and through a proxy, and the training of a network.
     followed : str
         Why the path is less deep than configured; empty if it is not.
     touch : str or None
-        HTML of the part on which its fields can be touched.
+        HTML of the interactive part for touching its fields.
     choice : dict or None
         Result of `fields: auto`, in words.
     """

@@ -61,7 +61,7 @@ COLUMNS = {
     "verdict": "Verdict",
 }
 
-#: The columns that a reader sees first.
+#: Columns of the page's main table.
 FEW = (
     "field", "bytes", "contact_millinewtons", "contact_percent", "missing_percent",
     "strong_percent", "left_out_percent", "unjudged_percent", "stress", "native_p50_us",
@@ -70,7 +70,7 @@ FEW = (
 
 #: Mean errors below this are rounding (unit frame): the field is the exact one.
 ROUNDING = 1e-12
-#: Columns of times that not every field has.
+#: Columns of times that are empty for some fields.
 _IN_C = (
     "native_p50_us", "native_p999_us", "anywhere_p50_us", "anywhere_max_us",
     "native_cold_p50_us", "native_cold_max_us", "libtorch_p50_us",
@@ -145,7 +145,7 @@ def summary_rows(mesh, evaluation, timing, stress, hardware, builds):
 
 
 def control_rows(mesh, evaluation, stress):
-    """Return the rows of the controls: of zero size and query time, and yet useless."""
+    """Return the rows of the controls, all with zero size, query time and force change."""
     rows = []
     for name, errors in evaluation.controls.items():
         row = dict.fromkeys(COLUMNS, "") | {"mesh": mesh, "field": name, "bytes": 0}

@@ -7,12 +7,12 @@ from pandis.bridges.web import LONGEST, STIFFEST, loop, touched
 from pandis.runtime.field import NativeField
 from pandis.runtime.info import no_proxy
 
-#: Largest size (bytes) of one mesh's files, and of all parts of a page: it should open quickly.
+#: Largest size (bytes) of one mesh's files and of all parts of a page, so that it opens quickly.
 _EACH, _ALL = 1_000_000, 6_000_000
 
 
 def touchable(paths):
-    """Return the files that go onto the page: the smallest of those with a proxy, up to 1 MB."""
+    """Return the files for the page: the smallest of those with a proxy, up to 1 MB in total."""
     files_shown, left = [], _EACH
     for path in sorted(map(Path, paths), key=lambda path: (path.stat().st_size, path.name)):
         size = path.stat().st_size
@@ -23,7 +23,7 @@ def touchable(paths):
 
 
 def touch(paths, size, stiffness, view):
-    """Return the part of one mesh as HTML, or None if nothing of it can be touched.
+    """Return the HTML for touching one mesh, or None if it cannot be touched.
 
     Parameters
     ----------

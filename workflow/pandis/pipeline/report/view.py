@@ -7,7 +7,7 @@ import numpy as np
 
 #: Powers of ten that the colours span, up to the largest errors.
 DECADES = 3
-#: Integer steps per unit of length, and of the range of colours.
+#: Integer steps per unit of length, and over the range of colours.
 _STEPS, _COLOURS = 32767, 255
 
 
@@ -19,7 +19,7 @@ def view(arrays, newtons, names, first):
     arrays : dict of str to ndarray
         The arrays of ``evaluation.zarr.zip``.
     newtons : float
-        Newtons per force of the unit frame.
+        Newtons per unit of force in the unit frame.
     names : list of str
         Fields whose errors can be chosen.
     first : str

@@ -24,16 +24,16 @@ TOUCHING, STICKING, BEHIND, WAITING = 1, 2, 4, 8
 
 
 class Options(ctypes.Structure):
-    """How a contact behaves: ``pandis_contact_options``.
+    """Options of a contact: ``pandis_contact_options``.
 
     Attributes
     ----------
     radius : float
         Radius of the probe, scene lengths.
     slide : float
-        Speed of the proxy in excess of the probe's, scene lengths per second.
+        Largest excess of the proxy's speed over the probe's, scene lengths per second.
     budget : int
-        Queries after which a step ends.
+        Number of queries after which a step ends.
     """
 
     _fields_ = (
@@ -59,9 +59,9 @@ class Touches(NamedTuple):
     Attributes
     ----------
     force, proxy, normal : ndarray, shape (n, 3)
-        The normal is that of the surface that the proxy is pressed against; 0 if there is none.
+        The normal is that of the surface against which the proxy is pressed, or 0.
     depth, slip : ndarray, shape (n,)
-        How far the probe is pressed past the proxy, and how far the proxy slid.
+        Distance from proxy to probe along the normal, and distance that the proxy slid.
     state, flag, planes, queries, face, region : ndarray, shape (n,)
         As in ``pandis_touch``.
     seconds : ndarray, shape (n,), or None
@@ -143,7 +143,7 @@ class Feel(NamedTuple):
     regions : pandis.runtime.field.NativeField, optional
         Source of regions if the object's field has none: a mesh of the same object.
     queries : int
-        Queries after which a step ends.
+        Number of queries after which a step ends.
     texture : pandis.runtime.contact.surfaces.Texture, optional
         Texture of the surface.
     """
@@ -179,7 +179,7 @@ class NativeContact:
     Raises
     ------
     PandisError
-        The object's pose is invalid, or it is a grid of forces, which has no distance outside.
+        The object's pose is invalid, or its field is a grid of forces without distance outside.
     """
 
     def __init__(
@@ -215,7 +215,7 @@ class NativeContact:
         Raises
         ------
         PandisError
-            One is out of range; none is changed.
+            A value is out of range; none is changed.
         """
         options = self.options
         for name, value in changes.items():
@@ -276,16 +276,16 @@ class TouchedScene(NativeScene):
     materials : list of (Material, sequence of Material, or None), optional
         For each object, the material of its surface or of each of its regions.
     regions : list of (pandis.runtime.field.NativeField or None), optional
-        For each object, a mesh that is the source of regions if its field has none.
+        For each object, a mesh that supplies regions if the object's field has none.
     budget : int, optional
-        Queries after which a contact's step ends; 24 by default.
+        Number of queries after which a contact's step ends; 24 by default.
     textures : list of (pandis.runtime.contact.surfaces.Texture or None), optional
         For each object, the texture of its surface.
 
     Raises
     ------
     PandisError
-        An object's pose is invalid, or it is a grid of forces.
+        An object's pose is invalid, or its field is a grid of forces.
     """
 
     def __init__(
@@ -337,7 +337,7 @@ class TouchedScene(NativeScene):
         return SceneForces(force, flag, queries, touched, seconds)
 
     def touches(self, position: ArrayLike, dt: Number = 1e-3) -> tuple[NDArray[np.int32], Touches]:
-        """Make one step; return the touched objects (n,) and their `Touches`."""
+        """Make one step; return the indices (n,) of touched objects, and their `Touches`."""
         most = len(self.objects)
         position = np.ascontiguousarray(position, np.float64)
         rows, objects = Touches.empty(most, False), np.empty(most, np.int32)

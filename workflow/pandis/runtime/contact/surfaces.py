@@ -1,4 +1,4 @@
-"""How a surface feels to a proxy: friction and damping by region, and textures."""
+"""Surface properties that a proxy feels: friction and damping by region, and textures."""
 
 import ctypes
 from collections.abc import Callable, Iterable
@@ -11,21 +11,21 @@ from pandis.engine.compiler import load
 from pandis.runtime.field import ArrayLike, Number
 
 SOURCE = Path(__file__).with_name("contact.c")
-#: Returns the height over the surface, and its gradient, at a point (3,) in a region.
+#: Function that returns height and gradient of a texture at a point (3,) in a region.
 Height = Callable[[NDArray[np.float64], int], tuple[float, ArrayLike]]
-#: Name of a surface with a single material.
+#: Name used for a surface with a single material.
 WHOLE = "the surface"
 #: The kind of a surface without a texture.
 SMOOTH = "smooth"
 
 
 class Material(ctypes.Structure):
-    """How a surface feels, apart from stiffness, which is a property of the object.
+    """Properties of a surface, apart from stiffness, which is a property of the object.
 
     Attributes
     ----------
     sticking, sliding : float
-        Static and sliding friction: force along the surface per force against it.
+        Coefficients of static and sliding friction: tangential force per normal force.
     damping : float
         Force per speed of the probe along the normal; it never pulls towards the surface.
     drag : float
@@ -42,7 +42,7 @@ def materials_for(contact, names):
     ----------
     contact : pandis.pipeline.run.ask.contacts.SurfaceOptions
     names : sequence of str or None
-        Names of the regions; without any, the whole surface has one material.
+        Names of the regions; if there are none, the whole surface has one material.
 
     Returns
     -------
@@ -137,7 +137,7 @@ class _Patches(ctypes.Structure):
 
 
 class Texture(ctypes.Structure):
-    """A height over a surface, which a proxy feels; mesh units.
+    """A height map over a surface, which a proxy feels; mesh units.
 
     Attributes
     ----------
@@ -166,7 +166,7 @@ class Texture(ctypes.Structure):
 
     @classmethod
     def waves(cls, height: Number, length: Number, direction: ArrayLike) -> "Texture":
-        """Return waves of a given height and wavelength across a direction (3,)."""
+        """Return waves of a given height and wavelength that vary along a direction (3,)."""
         x, y, z = np.asarray(direction, float) / np.linalg.norm(direction)
         return cls._of("pandis_waves", height, np.pi * height / length, height, length, x, y, z)
 
@@ -177,7 +177,7 @@ class Texture(ctypes.Structure):
 
     @classmethod
     def by_region(cls, textures: Iterable["Texture | None"]) -> "Texture":
-        """Return the texture of a surface from those of its regions; None: a smooth region."""
+        """Return the texture of a surface from those of its regions; None is a smooth region."""
         parts = [cls() if each is None else each for each in textures]
         table = (cls * len(parts))(*parts)
         patches = _Patches(ctypes.addressof(table), len(parts))
@@ -189,7 +189,7 @@ class Texture(ctypes.Structure):
 
     @classmethod
     def of(cls, function: Height, most: Number, steepest: Number) -> "Texture":
-        """Return the texture of a function of point (3,) and region: height and gradient."""
+        """Return a texture from a function of point (3,) and region: height and gradient."""
 
         def height(_, point, region, gradient):
             raised, slope = function(np.array(point.contents), region)

@@ -13,7 +13,7 @@ from pandis.engine.layout import compare_layouts
 from pandis.runtime.device.errors import ERRORS
 from pandis.runtime.device.watchdog import Watchdog
 
-#: Causes for a run's end, in the order of ``guard.h``; `library` checks that they agree.
+#: Causes of a run's end, in the order of ``guard.h``; `library` checks that they agree.
 _NAMES = (
     "DONE", "LIBRARY", "DEVICE", "ERROR", "SPEED", "NUMBER", "OVERRUN", "WATCHDOG", "GAP",
     "INTERRUPTED", "CALIBRATION", "SWITCH", "HOT", "UNSTABLE", "BUSY", "LIMITS", "ENCODER",
@@ -65,8 +65,8 @@ class DeviceReport(ctypes.Structure):
 class Simulated(ctypes.Structure):
     """A simulated device and the hand that holds it.
 
-    ``mass`` (kg), ``damping`` (Ns/m), ``friction`` (N), ``encoder`` (step of its position, m);
-    beyond ``force`` (N), ``impulse`` (N per ms) and ``speed`` (m/s) it reports errors; the hand's
+    ``mass`` (kg), ``damping`` (Ns/m), ``friction`` (N), ``encoder`` (position step, m);
+    ``force`` (N), ``impulse`` (N per ms) and ``speed`` (m/s) beyond which errors occur; the hand's
     ``hand_stiffness`` (N/m) and ``hand_damping`` (Ns/m); ``period`` of a tick (s); ``wall``, the
     stiffness of the touched surface (N/m); ``delay`` of forces in ticks, at most 20.
     """
@@ -135,33 +135,33 @@ class Session(NamedTuple):
     position, force : ndarray, shape (n, 3)
         Per tick: position reported by the device (m), and force sent (N).
     taken, since : ndarray, shape (n,)
-        Per tick: seconds of computing, and since the last call.
+        Per tick: computing time, and time since the last call, s.
     cause : int
-        Why it ended: `DONE`, `LIBRARY`, …; `sentence` explains it.
+        Why the run ended: `DONE`, `LIBRARY`, …; `sentence` explains it.
     code : int
         The device's error (`ERRORS`), if that is the cause.
     worst : float
-        Least energy balance of a contact (see ``energy.h``), J. Below zero, the wall gave more
-        energy than it had stored and the device lost.
+        Smallest energy balance of a contact (see ``energy.h``), J. If negative, the wall returned
+        more energy than it had stored and the device had dissipated.
     strongest, steepest, added, fastest : float
         Largest force, change and addition between ticks (N); largest speed (m/s).
     cut, slowed, damped : int
-        Ticks in which the force, or its change, was beyond the limit, and those with damping.
+        Numbers of ticks with a force, or a change of it, above the limit, and with damping.
     armed_at : int
         The first tick whose force was sent; -1 if there was none.
     signs : int
-        How often energy was missing or the probe shook.
+        Number of times that energy was missing or the probe shook.
     report : DeviceReport
         Properties that the device reported.
     limits : Limits
         Limits in effect.
     stand_in, simulated : bool
-        Whether the library is a stand-in; whether there was no library at all.
+        Whether the library is a stand-in, and whether the run used no library at all.
     why : str
         Details of the cause, such as the system's error for the library.
     proxy : ndarray, shape (n, 3)
-        Per tick: the proxy on the first touched object of a scene with contacts; else the
-        position; m.
+        Per tick, m: the proxy on the first touched object of a scene with contacts; without one,
+        the position.
     path : ndarray, shape (n, 3), or None
         True position of a simulated device at the end of each tick, m.
     watched : bool
@@ -208,7 +208,7 @@ class Session(NamedTuple):
         return f"{words}: {self.why}" if self.why else words
 
 
-#: Keeps alive the memory that a callback that never returned may still use.
+#: Keeps memory alive that a callback may still use if it has not returned.
 _ALIVE = []
 
 
@@ -219,7 +219,7 @@ def library():
     Raises
     ------
     PandisError
-        Its structures or causes differ from those of this module.
+        The library's structures or causes differ from those of this module.
     """
     lib = load(Path(__file__).with_name("client.c"))
     mirrors = {
@@ -250,7 +250,7 @@ class Order(NamedTuple):
     Attributes
     ----------
     scene : pandis.runtime.scene.NativeScene
-        In metres and newtons of the device's workspace.
+        The scene to render, in metres and newtons of the device's workspace.
     ticks : int
     limits : Limits
     period : float
@@ -263,22 +263,22 @@ class Order(NamedTuple):
     patience : float
         Seconds without a call after which the watchdog ends the run.
     expected : float
-        Largest force (N) of the expected device; one whose own differs by more than a tenth is
-        refused. 0: any.
+        Largest force (N) of the expected device. A device whose largest force differs by more than
+        a tenth is refused. 0: any device.
     armed : bool
         Whether forces are sent.
     bridge : object, optional
-        To a simulation that moves the scene's objects: see `pandis.bridges.mujoco.bridge`.
+        Bridge to a simulation that moves the scene's objects: see `pandis.bridges.mujoco.bridge`.
     between : callable, optional
-        Called every ``every`` ticks, in simulated time only: a simulation in step with the
-        simulated device. An exception in it ends the run and is raised afterwards.
+        Function called every ``every`` ticks, in simulated time only, such as a simulation in step
+        with the device. An exception in it ends the run and is raised afterwards.
     every : int
     hold : int
-        Ticks for which a force is held before the next one is computed: 1 on any device.
+        Number of ticks for which each computed force is kept; must be 1 on a real device.
 
     Notes
     -----
-    In simulated time nothing is late: deadline, gap and patience apply to real devices.
+    Deadline, gap and patience apply to real devices: in simulated time nothing is late.
     """
 
     scene: object
@@ -331,7 +331,7 @@ def run_simulated(device, start, rest, press, order, clock=False):
         The hand's rest position (m) and force (N).
     order : Order
     clock : bool
-        Drive it at the order's rate in real time, like a device without a scheduler.
+        Whether to run at the order's rate in real time, like a device without a scheduler.
 
     Returns
     -------
@@ -353,9 +353,9 @@ def run_simulated(device, start, rest, press, order, clock=False):
 
 
 def _by_the_clock(order):
-    """Refuse options that would delay a device or its forces."""
+    """Raise ValueError for options that would delay a device or its forces."""
     if order.between is not None or order.hold != 1:
-        raise ValueError("between and hold are for simulated time: use Bridge.order by the clock")
+        raise ValueError("between and hold require simulated time: use Bridge.order in real time")
 
 
 def _run(order, function, watchdog=None):
@@ -368,7 +368,7 @@ def _run(order, function, watchdog=None):
     def between():
         try:
             order.between()
-        except BaseException as error:  # C cannot pass it on
+        except BaseException as error:  # C cannot propagate it
             raised.append(error)
         return len(raised)
 

@@ -9,7 +9,7 @@ import time
 
 #: As in ``watchdog.h``.
 STARTS, READY, REFUSED, OVER = range(4)
-#: Seconds that the process has to start and open the device.
+#: Time allowed for the process to start and open the device, and later to end, s.
 _PATIENCE = 5.0
 _PROGRAM = (
     "import ctypes, sys; compiled, library, name, file, run = sys.argv[1:]; "

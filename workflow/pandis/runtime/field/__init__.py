@@ -34,13 +34,13 @@ RULES = ("nearest", "trilinear", "trilinear-normal", "trilinear-gradient", "tric
 SHAPES = ("sphere", "torus", "box", "capsule")
 #: Arrays of C doubles.
 Floats = NDArray[np.float64]
-#: Includes int, which run-time type checkers do not accept as float.
+#: Real number; includes int, which run-time type checkers do not accept as float.
 Number = float | int
 #: Sources of a field: a path, or a file's bytes.
 Source = str | PathLike[str] | bytes
-#: Bytes written between queries to empty the caches: more than those of a core can hold.
+#: Bytes written between queries to empty the caches: more than a core's caches can hold.
 CACHES = 1 << 26
-#: Fewer points of a network than this are not worth a second thread.
+#: Fewer network queries than this are not worth a second thread.
 _FEW = 64
 
 
@@ -67,7 +67,7 @@ class NativeField:
     Raises
     ------
     ArtifactError
-        It cannot be read, is damaged or is inconsistent.
+        The file cannot be read, is damaged or is inconsistent.
 
     Attributes
     ----------
@@ -82,7 +82,7 @@ class NativeField:
         self._begin(None)
         if isinstance(source, bytes):
             self.path, self._bytes = Path("field.pandis"), np.frombuffer(source, np.uint8)
-            if self._bytes.ctypes.data % 8:  # rare: copying a large mesh would take a gigabyte
+            if self._bytes.ctypes.data % 8:  # only if needed: a large mesh takes a gigabyte
                 self._bytes = self._bytes.copy()
             size = len(self._bytes)
             error = self._library.pandis_open(self._field, self._bytes.ctypes.data, size)
@@ -98,7 +98,7 @@ class NativeField:
         self.frame = Frame(tuple(numbers[:3]), numbers[3])
 
     def _begin(self, lender):
-        """Allocate a C field, which borrows the bytes of ``lender`` unless that is None."""
+        """Allocate a C field, which shares the bytes of ``lender`` unless that is None."""
         self._opened = ctypes.create_string_buffer(self._library.runtime_field_bytes())
         self._closed, self._lender, self._borrowers = False, lender, weakref.WeakSet()
         if lender is not None:
@@ -111,10 +111,10 @@ class NativeField:
         return self._opened
 
     def close(self) -> None:
-        """Release the file; also closes fields made by `placed` and `moving`.
+        """Release the file, and close fields made by `placed` and `moving`.
 
-        A closed field raises ValueError on use; scenes that contain it get no answer from it.
-        No other thread may be using it.
+        A closed field raises ValueError on use, and has no answer in scenes that contain it. No
+        other thread may be using it.
         """
         for borrower in list(self._borrowers):
             borrower.close()
@@ -157,8 +157,8 @@ class NativeField:
         Parameters
         ----------
         frame : pandis.base.frame.Frame
-            Its new unit frame. Not for closed forms, which are formulas in mesh units around the
-            origin.
+            The new unit frame. Not valid for closed forms, which are formulas in mesh units around
+            the origin.
         """
         other = object.__new__(NativeField)
         other._library, other.path, other.frame = self._library, self.path, frame
@@ -186,15 +186,15 @@ class NativeField:
 
     @property
     def bytes(self) -> int:
-        """Bytes that answers are computed from.
+        """Number of bytes from which answers are computed.
 
-        This leaves out sections on trust, provenance, original faces and regions.
+        This excludes the sections on trust, provenance, original faces and regions.
         """
         return self._library.runtime_bytes(self._field)
 
     @property
     def has_distance(self) -> bool:
-        """Whether it has distances outside: all fields but grids of forces, whose slope is 0."""
+        """Whether it has distances outside; false only for grids of forces, whose slope is 0."""
         somewhere = self.frame.to_mesh([[0.31, -0.27, 0.19]])  # at the centre the slope may be 0
         return self.kind != GRID or bool(self.query_slopes(somewhere)[1][0] > 0)
 
@@ -215,13 +215,13 @@ class NativeField:
         return self._query(points)[0]
 
     def query_slopes(self, points: ArrayLike) -> tuple[NativeAnswer, Floats]:
-        """Answer like `query`; also return the length (n,) of each normal before normalisation."""
+        """Return `query`'s result and the length (n,) of each normal before normalisation."""
         return self._query(points, slopes=True)
 
     def clear(self, points: ArrayLike) -> Floats:
-        """Return radii (n,) around points (n, 3) that are free of surface, mesh units.
+        """Return the radii (n,) of surface-free balls around points (n, 3), mesh units.
 
-        Where the search was cut short they are proven bounds, elsewhere the absolute distance.
+        They are proven bounds where the search was cut short, else the absolute distance.
         """
         points = as_rows(points)
         clear = np.empty(len(points))
@@ -231,8 +231,8 @@ class NativeField:
     def faces(self, points: ArrayLike) -> NDArray[np.int32]:
         """Return the faces (n,) of ``mesh.zarr.zip`` with the closest points to points (n, 3).
 
-        Only exact meshes, and compact ones with ``export.original_faces``, know them; -1 for other
-        fields and where there is no answer.
+        Available for exact meshes, and for compact ones with ``export.original_faces``; -1 for
+        other fields and where there is no answer.
         """
         points = as_rows(points)
         faces = np.empty(len(points), np.int32)
@@ -260,7 +260,7 @@ class NativeField:
         return tuple(names)
 
     def query_within(self, points: ArrayLike, reach: Number) -> tuple[NativeAnswer, Floats]:
-        """Answer points (n, 3) that are within ``reach`` of the surface, mesh units.
+        """Query points (n, 3) that are within ``reach`` of the surface, mesh units.
 
         Returns
         -------
@@ -268,7 +268,7 @@ class NativeField:
             As from `query`; NaN, with flag 4, where no surface is within reach. Answers with flag
             `CUT` are kept: the surface may be nearer than their distance.
         clear : ndarray, shape (n,)
-            No surface is nearer than this.
+            Lower bound of the distance to the surface, mesh units.
         """
         if not reach >= 0:
             raise ValueError(f"a reach must be 0 or more, not {reach}")
@@ -278,12 +278,12 @@ class NativeField:
         return answer, clear
 
     def follow(self, points: ArrayLike) -> NativeAnswer:
-        """Answer points (n, 3) along a path, starting each search from the previous result.
+        """Query points (n, 3) along a path, starting each search from the previous result.
 
         Returns
         -------
         NativeAnswer
-            As from `query`, to the last bit.
+            The same as from `query`, to the last bit.
         """
         return self._answers(points, -1.0)[0]
 
@@ -321,8 +321,8 @@ class NativeField:
 
         For meshes and closed forms the gradient is the normal. For other fields its length may
         differ from 1. For the paper's network it is the derivative of the distance, not the
-        direction that the network returns. NaN without an answer, and for grids of forces, which
-        have no distance.
+        direction that the network returns. NaN where there is no answer, and for grids of forces,
+        which have no distance.
         """
         return self._derivatives(points)[0]
 
@@ -331,8 +331,8 @@ class NativeField:
 
         They are analytic for meshes and closed forms (those of the nearest feature: 0 next to a
         face, round next to an edge or a corner), for splines and for grids of distances. For
-        networks, and where the flag is a bound, they are differences over a few thousandths of
-        the object or less. NaN where `gradient` is NaN.
+        networks, and where the flag is a bound, they are finite differences over a few thousandths
+        of the object or less. NaN where `gradient` is NaN.
         """
         return self._derivatives(points)[1]
 
@@ -362,7 +362,7 @@ class NativeField:
             ``k`` is out of range.
         """
         if not 0 <= k < np.inf:
-            raise ValueError(f"k is a finite number from 0 on, not {k}")
+            raise ValueError(f"k must be finite and not negative, not {k}")
         points = as_rows(points)
         forces, flags = np.empty_like(points), np.empty(len(points), np.uint8)
         self._library.runtime_forces(
@@ -378,10 +378,10 @@ class NativeField:
         reach: Number | None = None,
         follow: bool = False,
     ) -> Floats:
-        """Return the duration (queries,) of single queries at points (n, 3) in turn, seconds.
+        """Return the durations (queries,), s, of single queries that cycle through points (n, 3).
 
-        ``cold``: empty the caches before each query. ``reach``: query as `query_within` does;
-        ``follow``: as `follow` does.
+        If ``cold``, the caches are emptied before each query. With ``reach``, queries are those of
+        `query_within`; with ``follow``, those of `follow`.
         """
         points = as_rows(points)
         if not len(points) or queries < 1:

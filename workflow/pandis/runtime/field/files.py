@@ -1,4 +1,4 @@
-"""The bytes of ``.pandis`` files, as docs/format.md describes them."""
+"""Reads and writes the bytes of ``.pandis`` files: see docs/format.md."""
 
 import json
 import struct
@@ -24,9 +24,9 @@ def pack(kind, frame, wholes, reals, sections, provenance, version=1):
     kind : int
     frame : pandis.base.frame.Frame
     wholes, reals : sequence of int, of float
-        The header's numbers, at most 14 and 16.
+        Numbers in the header: at most 14 integers and 16 reals.
     sections : dict of str to ndarray or bytes
-        Their names have four letters.
+        Sections by name; a name has four characters.
     provenance : dict
         Stored as JSON in section PROV.
     version : {1, 2, 3, 4}

@@ -17,11 +17,11 @@ class SharedField(MovingField):
     Parameters
     ----------
     field : NativeField
-        Field of kind MESH. It lends its faces and is not changed.
+        Field of kind MESH. Its faces are shared; it is not changed.
     """
 
     def _open(self, room):
-        """Allocate room for three shapes; the header computes its size."""
+        """Allocate memory for three shapes; ``pandis.h`` computes its size."""
         room = self._library.pandis_handover_room(self._lender._field)
         self._room = np.empty(room // 8)
         self._handover = ctypes.create_string_buffer(self._library.runtime_handover_bytes())
@@ -41,7 +41,7 @@ class SharedField(MovingField):
         Raises
         ------
         ValueError
-            Their number is wrong, or one is not finite or too large; the old shape stays.
+            The number of vertices is wrong, or one is not finite or too large; the old shape stays.
         """
         start, vertices = time.perf_counter(), self._checked(vertices)
         if self._library.pandis_handover_refit(self._handover, vertices.ctypes.data, len(vertices)):

@@ -1,4 +1,4 @@
-"""Exact meshes whose vertices move, for one thread; for two: `pandis.runtime.field.handover`."""
+"""Exact meshes whose vertices move, for one thread; see `handover` for two threads."""
 
 import numpy as np
 
@@ -7,12 +7,12 @@ from pandis.runtime.field.points import as_rows
 
 
 class MovingField(NativeField):
-    """An exact mesh whose vertices move: it answers like a field of the new shape.
+    """An exact mesh with movable vertices; answers are those of a field of the current shape.
 
     Parameters
     ----------
     field : NativeField
-        Field of kind MESH. It lends its faces and is not changed.
+        Field of kind MESH. Its faces are shared; it is not changed.
     """
 
     _NO_SHAPE = "a vertex is not finite, or too far away: the old shape stays"
@@ -32,7 +32,7 @@ class MovingField(NativeField):
         return self.__copy__()
 
     def _open(self, room):
-        """Allocate ``room`` bytes for one shape, and start with the lender's."""
+        """Allocate ``room`` bytes for one shape, and start with the lender's shape."""
         self._room = np.empty(room // 8)
         lender = self._lender._field
         address, size = self._room.ctypes.data, self._room.nbytes
@@ -55,7 +55,7 @@ class MovingField(NativeField):
         Raises
         ------
         ValueError
-            Their number is wrong, or one is not finite or too large; the old shape stays.
+            The number of vertices is wrong, or one is not finite or too large; the old shape stays.
         """
         vertices = self._checked(vertices)
         taken = self._library.runtime_refit_time(self._field, vertices.ctypes.data)

@@ -4,7 +4,7 @@ from pandis.base.errors import ArtifactError
 
 
 def stamp(path):
-    """Return size and modification time of a file, to detect changes; None if it is missing."""
+    """Return a file's size and modification time, to detect changes; None if it is missing."""
     try:
         status = path.stat()
     except OSError:
@@ -18,7 +18,7 @@ def reopened(path, known):
     Raises
     ------
     ArtifactError
-        It is gone, or its stamp differs from ``known``.
+        The file is missing, or its stamp differs from ``known``.
     """
     from pandis.runtime.field import NativeField
 

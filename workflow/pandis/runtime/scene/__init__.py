@@ -50,14 +50,14 @@ class Placed(NamedTuple):
         position: ArrayLike = (0, 0, 0),
         rotation: ArrayLike = _UPRIGHT,
     ) -> "Placed":
-        """Return a field with its box centred at a position and its longest side of length size."""
+        """Return a field whose box is centred at a position and whose longest side is ``size``."""
         scale = size * field.frame.scale / UNIT_SIDE
         centre = scale * np.asarray(rotation) @ np.array(field.frame.centre)
         return cls(field, rotation, np.array(position) - centre, scale, stiffness)
 
 
 class Answers(NamedTuple):
-    """Forces (n, 3), flags (n,), queried fields (n,), and seconds (n,) or None, for each point."""
+    """Forces (n, 3), flags (n,), numbers of queried fields (n,), and seconds (n,) or None."""
 
     force: Floats
     flag: NDArray[np.uint8]
@@ -94,7 +94,7 @@ def _fill(place, placed):
 
 
 def placed_object(placed):
-    """Return the C object of a `Placed`, which the caller must keep alive as long."""
+    """Return the C object of a `Placed`; the caller must keep the `Placed` alive with it."""
     entry = _Object()
     _fill(entry, placed)
     return entry
@@ -156,7 +156,7 @@ class NativeScene:
         Raises
         ------
         PandisError
-            Its pose is invalid; it is left out until a valid one is set.
+            The pose is invalid; the object is left out until a valid one is set.
         """
         index = range(len(self.objects))[index]
         self.objects[index] = placed

@@ -18,7 +18,7 @@ class Poses:
     Parameters
     ----------
     scene : pandis.runtime.scene.NativeScene
-        The objects start at their poses in it.
+        The scene of the objects; they start at their current poses.
 
     Raises
     ------
@@ -60,10 +60,10 @@ class Poses:
         translations, velocities : ndarray, shape (n, 3)
             Position (scene lengths) and velocity (per second) of each object's origin.
         spins : ndarray, shape (n, 3)
-            Axis times radians per second, in scene coordinates.
+            Angular velocities: axis times radians per second, in scene coordinates.
         period : float
             Seconds until the next frame is due. Until then the objects move to the poses that
-            their velocities predict, and wait there if it is late.
+            their velocities predict; if the frame is late, they wait there.
 
         Raises
         ------

@@ -10,7 +10,7 @@ import numpy as np
 from pandis.engine.compiler import load
 
 _LOCKED, _REALTIME = 1, 2
-#: Final part of a tick (s) spent polling: sleep is not accurate enough, and empties the caches.
+#: Final part of a tick, s, spent polling: sleeping is not accurate enough and evicts the caches.
 SPIN = 2.5e-4
 
 
@@ -24,7 +24,7 @@ class Run(NamedTuple):
     lateness : ndarray, shape (n,)
         Seconds between the tick's due time and its start.
     force : ndarray, shape (n, 3)
-        At stiffness 1, mesh units; zero where nothing was computed.
+        Force at stiffness 1, mesh units; zero where nothing was computed.
     locked, realtime : bool
         Whether the system allowed locked memory and real-time priority.
     """
@@ -56,12 +56,12 @@ def run_ticks(field, points, count, rate, again=True):
     points : ndarray, shape (m, 3), mesh units
         The probe's path; repeated as often as needed.
     count : int
-        Ticks.
+        Number of ticks.
     rate : float
         Ticks per second.
     again : bool
-        Repeat the last query while waiting for a tick: sleeping evicts the field's bytes from the
-        caches.
+        Whether to repeat the last query while waiting for a tick: sleeping evicts the field's bytes
+        from the caches.
 
     Returns
     -------

@@ -1,1 +1,1 @@
-"""How wrong and how fast each field is."""
+"""Force errors of each field, and recommendations."""

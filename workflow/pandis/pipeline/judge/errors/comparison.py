@@ -1,4 +1,4 @@
-"""The evaluation stage as a function: measures all errors of a mesh's fields."""
+"""Measures all errors of a mesh's fields, for the evaluation stage."""
 
 import numpy as np
 

@@ -1,4 +1,4 @@
-"""Kinds of places that trajectories pass: tenths of the surface by curvature and thickness."""
+"""Measures how much of the surface trajectories visit, by curvature and by thickness."""
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -6,10 +6,10 @@ from scipy.spatial import cKDTree
 from pandis.base.streams import COVERAGE, generator
 from pandis.pipeline.geometry.thickness import inscribed_radius
 
-#: Surface points that are split into tenths, and neighbours that curvature is measured from.
+#: Number of surface points split into tenths, and of neighbours for measuring curvature.
 PLACES, NEIGHBOURS = 4000, 9
 TENTHS = 10
-#: A tenth is visited if this share of the samples lies in it: a tenth of its share of the surface.
+#: A tenth of the surface counts as visited if it contains at least this share of the samples.
 VISITED = 0.01
 
 
@@ -27,9 +27,9 @@ def coverage(surface, engine, paths, seed):
     Returns
     -------
     dict
-        ``curvature`` and ``thickness``: how many tenths of the surface's area, ordered by how
-        fast the normal turns and by the largest ball inside, hold one sample in a hundred;
-        ``share_…``: the share of samples in each.
+        ``curvature`` and ``thickness``: number of visited tenths of the area, if sorted by
+        `curvature` and by inscribed radius; ``share_curvature`` and ``share_thickness``: share
+        of the samples in each tenth.
     """
     rng = generator(seed, COVERAGE)
     places, normals, _, _ = surface.draw(PLACES, rng)
@@ -49,9 +49,9 @@ def coverage(surface, engine, paths, seed):
 
 
 def curvature(tree, places, normals):
-    """Return how fast the normal turns (n,) around surface points: radians per unit length."""
+    """Return the rate (n,) at which the normal turns around surface points, rad per unit length."""
     apart, near = tree.query(places, NEIGHBOURS + 1)
     cosine = np.einsum("nk,njk->nj", normals, normals[near[:, 1:]])
-    angle, same = np.arccos(np.clip(cosine, -1, 1)), cosine > 0  # the other side of a thin wall
+    angle, same = np.arccos(np.clip(cosine, -1, 1)), cosine > 0  # not across thin walls
     turn = np.where(same, angle / np.maximum(apart[:, 1:], 1e-12), 0.0)
     return turn.sum(axis=1) / np.maximum(same.sum(axis=1), 1)

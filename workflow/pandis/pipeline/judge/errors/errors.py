@@ -8,7 +8,7 @@ from pandis.pipeline.geometry.measure import contact_errors
 from pandis.pipeline.geometry.shares import MISSING_LIMIT, Probes, shares
 from pandis.pipeline.judge.controls import demand_failure
 
-#: Suffix of the row with the paper's own force, in which Ψ keeps its length.
+#: Suffix of the row for the paper's force, in which Ψ is not normalised.
 UNNORMALISED = " (‖Ψ‖ kept)"
 
 
@@ -24,7 +24,7 @@ def statistics(force: Points, exact: Points):
     dict of str to float
         mean, rms, p95, p99, max of ‖F − F_exact‖; ``eq7``: the paper's Eq. 7 as
         printed, Σ ‖·‖ / j, which weights the first samples most; and ``angle``:
-        the mean angle in degrees between the two where both push.
+        the mean angle in degrees between the two where neither is zero.
     """
     error = np.linalg.norm(force - exact, axis=1)
     lengths = np.linalg.norm(force, axis=1), np.linalg.norm(exact, axis=1)
@@ -50,11 +50,11 @@ def evaluate(fields, controls, trajectory, probe_sets, contacts, progress):
     ----------
     fields : list of pandis.pipeline.kinds.field.Field
     controls : list of pandis.pipeline.kinds.field.Field
-        Measured on the contact sets beside the others: see `pandis.pipeline.judge.controls`.
+        Also measured on the contact sets: see `pandis.pipeline.judge.controls`.
     trajectory : tuple (points, distance, normal)
         Exact, unit frame.
     probe_sets : dict of str to tuple
-        Likewise.
+        By name: points, distance and normal, likewise.
     contacts : pandis.pipeline.geometry.measure.ContactSet
     progress : callable
         Makes a `pandis.pipeline.run.job.stage.Progress`.
@@ -62,9 +62,9 @@ def evaluate(fields, controls, trajectory, probe_sets, contacts, progress):
     Returns
     -------
     arrays, attributes : dict
-        As stored in ``evaluation.zarr.zip``. Forces are of the unit frame at k = 1. ``errors``: by
-        set and field, on the trajectory and the contact sets with the shares of
-        `pandis.pipeline.geometry.shares.shares`; ``controls``: by control and contact set.
+        As stored in ``evaluation.zarr.zip``. Forces are in the unit frame at k = 1. ``errors``: by
+        set and field; on the trajectory and the contact sets they include the shares of
+        `pandis.pipeline.geometry.shares.shares`. ``controls``: by control and contact set.
     """
     sets = {"trajectory": trajectory} | probe_sets
     arrays, scale = {}, {}
@@ -75,7 +75,7 @@ def evaluate(fields, controls, trajectory, probe_sets, contacts, progress):
     for index, field in enumerate(fields):
         for name, (points, distance, normal) in sets.items():
             if field.ordered and name != "trajectory":
-                continue  # its points are no path
+                continue  # an ordered field requires a path
             exact = penalty_force(distance, normal)
             force = penalty_force(*field.answer(points))
             errors[name][field.name] = statistics(force, exact)
@@ -113,7 +113,7 @@ def evaluate(fields, controls, trajectory, probe_sets, contacts, progress):
 
 
 def _unnormalised(field):
-    """Return a function for the paper's own force, in which Ψ keeps its length."""
+    """Return a function that computes the paper's force, in which Ψ is not normalised."""
 
     def force(points):
         phi, psi = field.direction(points)
@@ -131,7 +131,7 @@ def _exact_forces(sets, contacts):
 
 
 def _path_shares(force, trajectory, contacts):
-    """Return the shares of a path where force is missing, and the relative error and newtons."""
+    """Return the shares of a path with missing force, and the mean error: relative and in N."""
     pressed, nowhere = contacts.pressed, np.zeros(len(force), bool)
     probes = Probes(*trajectory, nowhere, pressed.scale, pressed.engine)
     mean = float(np.linalg.norm(force - probes.force, axis=1).mean())

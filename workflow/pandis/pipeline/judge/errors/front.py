@@ -1,25 +1,25 @@
-"""Which field to use: those that no other beats, and the best for a given error."""
+"""Recommends fields: those that no other beats, and the best for each allowed error."""
 
 from pandis.pipeline.geometry.shares import MISSING_LIMIT
 
 #: Errors that a user may allow, in percent of the mean force on the contact set; the last allows
 #: any error.
 ERRORS = (0.0, 0.5, 1.0, 2.0, 5.0, 10.0, 20.0, float("inf"))
-#: Prices of a field: keys of a summary's rows, and the name of the best by each.
+#: Figures of a summary's rows to minimise, and the name for the field with the smallest value.
 PRICES = {"native_p50_us": "fastest", "bytes": "smallest", "jump_rms_newtons": "smoothest"}
-#: Criteria that fields are compared by: keys of a summary's rows.
+#: Criteria by which fields are compared: keys of a summary's rows.
 AXES = ("contact_mean", "native_p50_us", "bytes", "jump_rms_newtons")
 
 
 def may_be_used(row):
-    """Tell whether a field can be recommended: it failed no question and misses no surface.
+    """Return whether a field can be recommended: it passed the stress suite, and little is missing.
 
-    Nor is a field recommended if too much of its object is too thin to be judged.
+    Neither the share of missing surface nor the share too thin to judge may exceed the limit.
 
     Parameters
     ----------
     row : dict
-        A row of a summary. A question that was not asked counts as not passed.
+        A row of a summary. A field without results of the stress suite counts as failed.
     """
     if row["stress"] == "" or row["missing_percent"] == "":
         return False
@@ -28,18 +28,18 @@ def may_be_used(row):
 
 
 def pareto(rows, keys):
-    """Tell which rows no other row beats, of those that may be used.
+    """Return which of the usable rows are beaten by no other row.
 
     Parameters
     ----------
     rows : list of dict
     keys : sequence of str
-        Values that should be small. A row without one of them is not compared.
+        Keys of the values to minimise. A row with an empty value is not compared.
 
     Returns
     -------
     list of bool
-        False for a row that another one equals or beats in every key, and beats in one.
+        False if a row is not compared, or is worse than another row in a key and better in none.
     """
     known = [tuple(row[key] for key in keys) if may_be_used(row) else () for row in rows]
     known = [point if point and "" not in point else None for point in known]
@@ -55,18 +55,18 @@ def pareto(rows, keys):
 
 
 def recommend(rows):
-    """Return the fastest, smallest and smoothest field for each error that may be allowed.
+    """Return the fastest, smallest and smoothest field for each allowed error.
 
     Parameters
     ----------
     rows : list of dict
-        Rows of a summary: one mesh's fields. Those that may not be used are left out.
+        Rows of a summary: one mesh's fields. Those that may not be used are ignored.
 
     Returns
     -------
     list of dict
-        ``percent``: the error; and by `PRICES`'s names the row to take, or None. An error that
-        changes no recommendation is left out.
+        ``percent``: the allowed error. Under each name of `PRICES`: the row to use, or None.
+        Errors that change no recommendation are omitted.
     """
     table = []
     for percent in ERRORS:

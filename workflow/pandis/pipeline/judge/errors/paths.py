@@ -1,4 +1,4 @@
-"""Errors over several trajectories: the paper's Table 4 as a statement."""
+"""Errors over several trajectories, and a statement that corresponds to the paper's Table 4."""
 
 import json
 
@@ -9,22 +9,22 @@ from pandis.base.forces import penalty_force
 from pandis.pipeline.geometry.trajectories import trace
 from pandis.pipeline.run.records.evaluation import PathsRecord
 
-#: Grids that the paper's network is compared with: the paper's best, on the box around the surface
-#: as in the paper, and on the cube that all other grids lie on.
+#: Grids with which networks are compared: the paper's best one, on the box around the surface as
+#: in the paper, and on the cube that all other grids cover.
 BASELINES = ("trilinear-box-64", "trilinear-64")
 
 
 def interval(values):
     """Return the half-width of the 95 % interval of a mean (Student's t); 0 for equal values."""
     if min(values) == max(values):
-        return 0.0  # rounding of the mean would leave a little
+        return 0.0  # else the mean's rounding would make it positive
     return float(stats.sem(values) * stats.t.ppf(0.975, len(values) - 1))
 
 
 def spread(values, form):
-    """Format results of several trainings: mean and interval, or up to two values as they are.
+    """Format results of several trainings: mean and interval, or up to two values unchanged.
 
-    The interval of two would be thirteen times as wide as their difference, and say less.
+    The interval of two values says little: it is thirteen times as wide as their difference.
     """
     if len(values) < 3:
         return " and ".join(format(value, form) for value in values)
@@ -32,7 +32,7 @@ def spread(values, form):
 
 
 def repeats(models):
-    """Return lists of networks that were trained in the same way with different seeds.
+    """Return groups of networks that were trained in the same way with different seeds.
 
     Parameters
     ----------
@@ -52,7 +52,7 @@ def repeats(models):
 
 
 def several(first, surface, engine, options, progress):
-    """Return the first trajectory and more of its kind.
+    """Return a list of the first trajectory and further ones traced in the same way.
 
     Parameters
     ----------
@@ -84,8 +84,8 @@ def over_paths(fields, paths):
     Returns
     -------
     dict of str to pandis.pipeline.run.records.evaluation.PathsRecord
-        By field: ``mean`` of the paths' mean force errors (unit frame, k = 1) and ``interval``,
-        how much other paths would change it; ``ratios``: of the mean to that of each of `BASELINES`
+        By field: ``mean``, the mean of the paths' mean force errors (unit frame, k = 1);
+        ``interval``, see `interval`; ``ratios``, the mean divided by that of each of `BASELINES`
         that is among the fields.
     """
     means = {}
@@ -105,10 +105,10 @@ def over_paths(fields, paths):
 
 
 def verdict(table, models):
-    """Say whether networks err less than the paper's best grid, where that was measured.
+    """Return sentences that compare networks' errors with those of the paper's best grid.
 
-    Another seed gives another network, whose error may differ by a third. One training therefore
-    gets only its ratio; several get a verdict from a confidence interval over the trainings.
+    The error of a network may change by a third with the seed. For one training, only the ratio
+    is given; for several, a verdict from a confidence interval over the trainings.
 
     Parameters
     ----------
@@ -120,7 +120,7 @@ def verdict(table, models):
     Returns
     -------
     str
-        Empty if nothing can be said.
+        Empty if there is no network or no such grid.
     """
     sentences = []
     for names in repeats({n: m for n, m in models.items() if n in table}):

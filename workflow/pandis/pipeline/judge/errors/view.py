@@ -1,4 +1,4 @@
-"""Each field's errors, for the report's view of a mesh, on a mesh small enough for a page."""
+"""Measures each field's errors on a mesh small enough for a page: the report's view."""
 
 import igl
 import numpy as np
@@ -8,14 +8,14 @@ from pandis.pipeline.geometry.sampling import PROBE_DEPTHS
 
 #: Approximate number of faces of the mesh that is shown.
 FACES = 16_000
-#: Depths below the surface that errors are averaged over: middles of the deep probes' quarters.
+#: Depths over which errors are averaged: the middles of four equal parts of the deep probes' range.
 DEPTHS = PROBE_DEPTHS["deep"] * (np.arange(4) + 0.5) / 4
 
 
 def coarsen(vertices, faces, count=FACES):
     """Return a mesh of about ``count`` faces, or the mesh itself if it has fewer.
 
-    Edges are collapsed at their middles (libigl), which keeps closed meshes closed.
+    Edges are collapsed to their midpoints (libigl), which keeps closed meshes closed.
     """
     if len(faces) <= count:
         return vertices, faces
@@ -34,7 +34,7 @@ def surface_errors(fields, engine, vertices, faces, progress):
     engine : object
         The exact distance of a `pandis.pipeline.geometry.body.Body`.
     vertices, faces : ndarray
-        The whole mesh, unit frame.
+        The mesh before coarsening, unit frame.
     progress : callable
         Makes a `pandis.pipeline.run.job.stage.Progress`.
 
@@ -42,8 +42,8 @@ def surface_errors(fields, engine, vertices, faces, progress):
     -------
     dict of str to ndarray
         ``view_vertices`` (V, 3) float32, on the surface, unit frame; ``view_faces`` (F, 3) int32;
-        ``view_error_{field}`` (V,) float32: ‖F − F_exact‖ at k = 1, the mean over `DEPTHS`. Fields
-        whose answers depend on the way have none.
+        ``view_error_{field}`` (V,) float32: ‖F − F_exact‖ at k = 1, averaged over `DEPTHS`. Fields
+        that require a path are omitted.
     """
     coarse, triangles = coarsen(vertices, faces)
     distance, outward = engine.distance_and_normal(coarse)
@@ -63,7 +63,7 @@ def surface_errors(fields, engine, vertices, faces, progress):
 
 
 def _vertex_normals(vertices, faces):
-    """Return unit normals (V, 3), weighted by area: for a picture."""
+    """Return area-weighted unit normals (V, 3) of vertices."""
     a, b, c = (vertices[faces[:, k]] for k in range(3))
     normals, across = np.zeros_like(vertices), np.cross(b - a, c - a)
     for k in range(3):

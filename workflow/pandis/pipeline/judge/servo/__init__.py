@@ -1,1 +1,1 @@
-"""The last step: check that every exported field holds 1 kHz on this machine."""
+"""The last step: checks that every exported field keeps up with 1 kHz on this machine."""

@@ -1,4 +1,4 @@
-"""Runs a field on an attached device through OpenHaptics: the last step, held by a person."""
+"""Runs a field through OpenHaptics on an attached device that a person holds: the last step."""
 
 import os
 from typing import NamedTuple
@@ -20,46 +20,46 @@ REFUSED = (
     "although arming was asked for: {refused}."
 )
 UNTOUCHED = (
-    "A haptic device ({model}) was attached and armed; the object was not touched: no force."
+    "A haptic device ({model}) was attached and armed, but the object was not touched: no force."
 )
 ENDED = "A haptic device ({model}) was attached; the run ended early: {why}."
 REAL = "A haptic device ({model}) was attached, and forces were sent to it, through its library."
 NONE = "No device ran: {why}."
-#: Environment variable, to be set to 1 for each run with forces: a configuration would stay set.
+#: Environment variable that must be 1 in each run with forces: an option would remain set.
 CONSENT = "PANDIS_ARM"
-#: Share of the stiffness safe for this hand (Ns/m) that an armed device gets.
+#: An armed device uses this share of the stiffness that is safe for a hand of this damping (Ns/m).
 SHARE, HAND = 0.7, "0.3"
 
 
 class Span(NamedTuple):
-    """Duration of a run on the device, and the longest that a tick may compute, s."""
+    """Duration of a run on the device, and the longest computation allowed per tick, s."""
 
     seconds: float
     deadline: float
 
 
 def stiffness_for(stiffness, spec, pressed, walls, sound=True):
-    """Return the stiffness that a device may be armed with, and why it may not be armed at all.
+    """Return the stiffness with which a device may be armed, and why it may not be, if so.
 
     Parameters
     ----------
     stiffness : float
-        N/m, of the configuration.
+        Configured stiffness, N/m.
     spec : pandis.pipeline.judge.servo.devices.Specification
     pressed : pandis.pipeline.run.records.hardware.Pressed or None
         Presses on this field, mesh and device, with penalty forces or through a proxy (as a
         `TouchVerdict`).
     walls : pandis.pipeline.run.records.hardware.WallVerdict or None
     sound : bool
-        The file gives its field's forces, and computes them in time.
+        Whether the file reproduces its field's forces and computes them in time.
 
     Returns
     -------
     stiffness : float
-        N/m: the least of what is asked for, the device's own, what is gentle at its rate, and 0.7
-        of what is safe for a hand of 0.3 Ns/m.
+        N/m: the least of the configured one, the device's, the gentle one at the device's rate,
+        and 0.7 of the safe one for a hand of 0.3 Ns/m.
     refused : str
-        Empty, or why no force may be sent.
+        Why no force may be sent; empty if forces may be sent.
     """
     most = min(stiffness, spec.stiffest(1 / spec.rate))
     if pressed is None or walls is None:
@@ -85,19 +85,19 @@ def run_attached(field, scale, options, span, pressed=None, walls=None, sound=Tr
     ----------
     field : pandis.runtime.field.NativeField
     scale : pandis.base.physical.Scale
-        With the stiffness that is asked for: see `stiffness_for`.
+        With the configured stiffness, which `stiffness_for` limits.
     options : pandis.pipeline.run.ask.options.AttachedOptions
     span : Span
     pressed, walls, sound
-        See `stiffness_for`; without the first two no force is sent.
+        See `stiffness_for`. Without the first two, no force is sent.
     feel : pandis.runtime.contact.Feel, optional
-        Feel of a probe with a proxy; a penalty force without it.
+        Probe with a proxy, and its surface; None for penalty forces.
 
     Returns
     -------
     arrays : dict of str to ndarray
-        Per tick, in the device's workspace: ``position`` (m), ``force`` (N), ``taken`` and
-        ``since`` (s).
+        Per tick, in the device's workspace: ``position`` (m), ``force`` (N); ``taken``, the time of
+        computing, and ``since``, the time since the last call (s).
     record : pandis.pipeline.run.records.hardware.AttachedRun
     """
     spec = DEVICES[options.model]
@@ -167,7 +167,7 @@ def _statement(session, armed, consent, touched):
 
 
 def _reach(session, size):
-    """Say whether the object, centred in the device's own workspace, reaches beyond it."""
+    """Return a warning if the object, centred in the device's workspace, extends beyond it."""
     room = 1e3 * (np.array(session.report.high) - np.array(session.report.low))
     if (room <= 0).any() or (1e3 * size <= room).all():
         return ""

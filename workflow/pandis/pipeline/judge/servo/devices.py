@@ -1,17 +1,17 @@
-"""Haptic devices: their data sheets, and the limits that programs in the field keep.
+"""Haptic devices: their data sheets, and the limits that are usual in haptic programs.
 
-Forces, stiffnesses and workspaces are those that CHAI3D sets for each device. Encoder steps and
-frictions are the makers' nominal values, if published. Values that nobody gives are assumed, and
-listed as such.
+Forces, stiffnesses and workspaces are the values that CHAI3D sets for each device. Encoder steps
+and friction forces are the makers' nominal values, where published. Unpublished values are
+assumed, and listed as such.
 """
 
 from typing import NamedTuple
 
 from pandis.runtime.device import NEEDS_BUTTON, Limits, Simulated
 
-#: Seconds until the full force is given; largest growth, share of the largest force per ms.
+#: Seconds over which a force ramps up; largest increase per ms, as a share of the largest force.
 RAMP, IMPULSE = 0.5, 0.1
-#: Energy (J) that a tick may give to a hand, and the hand's speed (m/s).
+#: Largest energy (J) that a tick may add to a hand's motion, and the hand's speed (m/s).
 TICK_ENERGY, HAND_SPEED = 4e-5, 0.2
 
 
@@ -24,17 +24,17 @@ class Specification(NamedTuple):
     force : float
         Largest force, N.
     stiffness : float
-        Largest that programs set for it, N/m.
+        Largest stiffness that programs set for the device, N/m.
     workspace : float
-        Radius, m.
+        Radius of the workspace, m.
     encoder : float
-        Step of the position it reports, m.
+        Step of the reported position, m.
     friction : float
-        Coulomb, N.
+        Coulomb friction, N.
     mass : float
-        At the tip, kg.
+        Mass at the tip, kg.
     damping : float
-        Viscous, Ns/m.
+        Viscous damping, Ns/m.
     impulse : float
         Largest change of the force, N per ms.
     speed : float
@@ -46,9 +46,9 @@ class Specification(NamedTuple):
     continuous : float
         Largest continuous force, N; 0 if unknown.
     most_damping : float
-        Most damping that a program may add, Ns/m.
+        Largest damping that a program may add, Ns/m.
     button : bool
-        It has a button that is held while forces are given.
+        Whether the device has a button that must be held while forces are sent.
     """
 
     title: str
@@ -77,14 +77,14 @@ class Specification(NamedTuple):
     def stiffest(self, period):
         """Return the largest stiffness (N/m) that is gentle at a period (s), at most the device's.
 
-        A wall that is a tick late gives energy of up to k (vT)^2 / 2 in it.
+        A wall that reacts a tick late adds energy of up to k (vT)^2 / 2 in that tick.
         """
         return min(self.stiffness, 2 * TICK_ENERGY / (HAND_SPEED * period) ** 2)
 
     def limits(self, period, stiffness):
-        """Return the limits that no force to this device may exceed.
+        """Return the limits on the forces sent to this device.
 
-        The force ramps up over `RAMP`, and grows by no more than `IMPULSE`.
+        The force ramps up over `RAMP`, and increases by `IMPULSE` at most.
 
         Parameters
         ----------
@@ -103,7 +103,7 @@ class Specification(NamedTuple):
 
 
 _ALWAYS = ("damping", "impulse", "speed", "most_damping")
-#: Devices by their names in the configuration.
+#: Devices by name, as in the configuration.
 DEVICES = {
     "touch": Specification(
         "Touch", 3.3, 400.0, 0.075, 55e-6, 0.26, 0.045, 0.1, 3.3, 1.5, 1000.0, _ALWAYS,

@@ -1,17 +1,17 @@
-"""Loads every core, to see how a servo loop runs beside other work."""
+"""Loads every core, to test how a servo loop runs alongside other work."""
 
 import os
 import subprocess
 import sys
 from contextlib import contextmanager
 
-#: A busy loop that ends with its parent, however that ends.
+#: Program of a busy loop that ends when its parent process does, even if that one is killed.
 _BUSY = "import os\nparent = os.getppid()\nwhile os.getppid() == parent: pass"
 
 
 @contextmanager
 def busy_cores():
-    """Keep every core busy with a loop while the body runs."""
+    """Keep every core busy while the ``with`` block runs; yield the number of cores."""
     cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
     loops = [subprocess.Popen([sys.executable, "-I", "-c", _BUSY]) for _ in range(cores)]
     try:

@@ -1,9 +1,9 @@
-"""Tests whether anything lets a hand through: presses on thin places, judged by libigl.
+"""Tests whether a hand can press through a wall: presses on thin places, judged by libigl.
 
-A simulated hand presses a device from outside at a slant, ever harder, until it gives the device's
-largest force or more. It holds on, and withdraws the way it came. The judgement uses neither the
-field that is judged nor the tree that made it: distances and sides are libigl's, and crossings of
-the surface are computed from the triangles.
+A simulated hand presses a device from outside at a slant with increasing force, up to the device's
+largest force or more. It holds this force, then withdraws along the same line. The judgement uses
+neither the field under test nor the tree from which the field was made: libigl computes distances
+and sides, and crossings of the surface are computed from the triangles.
 """
 
 from typing import NamedTuple
@@ -15,40 +15,40 @@ from scipy.spatial.distance import cdist
 from pandis.runtime.device import DONE, Order, run_simulated
 from pandis.runtime.scene import NativeScene, Placed
 
-#: A proxy deeper than this (m) beyond the field's largest surface error has passed. Two proxies are
-#: moved at least this far outside before the way between them is tested.
+#: A proxy has passed if its depth exceeds the field's largest surface error by more than this (m).
+#: Two proxies are moved at least this far outside before the path between them is tested.
 MARGIN = 5e-5
-#: Metres above the surface where a press begins, unless there is less room.
+#: Distance (m) from the start of a press to its surface point.
 ABOVE = 3e-3
-#: Seconds of waiting, pressing, holding, withdrawing.
+#: Durations of waiting, pressing, holding and withdrawing, s.
 _TIMES = 0.03, 0.35, 0.1, 0.35
-#: Seconds over which the force is ramped up, which end before the surface is reached.
+#: Seconds over which the force ramps up. The ramp ends before the surface is reached.
 _RAMP = 0.02
-#: The hand's N/m and Ns/m, and its force in multiples of the device's largest.
+#: Stiffness (N/m) and damping (Ns/m) of the hand; its force as a multiple of the device's largest.
 _HAND, _HARD = (400.0, 3.0), 1.2
-#: Runs whose proxies go to libigl in one call.
+#: Number of runs whose proxies are passed to libigl in one call.
 _TOGETHER = 500
-#: Nearer than this (m), the direction to the closest point is rounding.
+#: At distances below this (m), the direction to the closest point is dominated by rounding.
 _ON_IT = 1e-7
-#: Longest free way, in multiples of the straight one.
+#: Longest free path that is searched for, as a multiple of the straight line.
 _DETOUR = 2.0
-#: Rounds of the search for a way around.
+#: Rounds of the search for a path around an obstacle.
 _ROUNDS = 60
-#: Balls that each round grows, and new balls on the rim of each.
+#: Number of balls that each round extends, and of new balls on the rim of each.
 _GROWN, _RIM = 48, 10
-#: Smallest ball that is grown, as a share of the margin.
+#: Smallest radius of a ball, as a share of the margin.
 _LEAST = 0.02
-#: Faces that are tested against a way at a time.
+#: Number of faces that are tested against a segment at a time.
 _SOME = 4096
 
 
 class Press(NamedTuple):
-    """A press: where it begins, and how far the hand goes; metres.
+    """A press: its start, and the target of the hand, m.
 
     Attributes
     ----------
     start, end : ndarray, shape (3,)
-        Outside of the object, and where the hand would be if nothing were in its way.
+        Start outside the object, and where the hand would go if nothing stopped it.
     """
 
     start: np.ndarray
@@ -61,12 +61,12 @@ class Judged(NamedTuple):
     Attributes
     ----------
     presses, ended : int
-        All presses, and those that the guard ended early.
+        Number of all presses, and of those that the guard ended early.
     deep, crossed : int
-        Presses whose proxy lay too deep, and whose proxy went through triangles.
+        Number of presses whose proxy was too deep, and of those whose proxy crossed triangles.
     around : int
-        Presses after which the withdrawn probe and its proxy were apart, though the proxy's way
-        crosses nothing: it slid around a part of the object, which is no pass.
+        Number of presses that ended with the withdrawn probe apart from its proxy although the
+        proxy crossed nothing: it slid around a part of the object, which is not a pass.
     deepest : float
         Largest depth of a proxy below the surface, m.
     """
@@ -80,7 +80,7 @@ class Judged(NamedTuple):
 
     @property
     def passed(self):
-        """Presses in which something let the hand through."""
+        """Number of presses in which the hand passed through the surface."""
         return self.deep + self.crossed
 
 
@@ -95,10 +95,10 @@ def draw(feet, outward, spec, stiffness, slant, rng, above=ABOVE):
     stiffness : float
         Stiffness of the object, N/m.
     slant : float
-        Largest angle between press and normal, rad.
+        Largest angle between a press and the normal, rad.
     rng : numpy.random.Generator
     above : float
-        How far above the points presses begin, m.
+        Distance from the start of a press to its surface point, m.
 
     Returns
     -------
@@ -131,9 +131,9 @@ class Oracle:
         self._corners, self._low, self._high = corners, corners.min(axis=1), corners.max(axis=1)
 
     def look(self, points):
-        """Return signed distances (n,) of points (n, 3), m, and the directions in which they grow.
+        """Return signed distances (n,) of points (n, 3), m, and their unit gradients (n, 3).
 
-        Negative inside; the direction at a point of the surface is the normal of its face.
+        Distances are negative inside. At a surface point the gradient is the face's normal.
         """
         kind = igl.SignedDistanceType.SIGNED_DISTANCE_TYPE_FAST_WINDING_NUMBER
         points = np.ascontiguousarray(points, np.float64)
@@ -145,7 +145,7 @@ class Oracle:
         return distance, away / np.maximum(np.linalg.norm(away, axis=1), 1e-300)[:, None]
 
     def crosses(self, start, end):
-        """Return whether the straight way from one point (3,) to another crosses a triangle."""
+        """Return whether the segment from one point (3,) to another crosses a triangle."""
         low, high = np.minimum(start, end), np.maximum(start, end)
         near = np.flatnonzero(((self._low <= high) & (self._high >= low)).all(axis=1))
         return any(self._hits(start, end, near[i : i + _SOME]) for i in range(0, len(near), _SOME))
@@ -163,14 +163,14 @@ class Oracle:
 
 
 def free_starts(presses, oracle, above=ABOVE):
-    """Return the presses that begin outside of the shape, whatever a field has there.
+    """Return the presses that begin outside the mesh, regardless of any field.
 
     Parameters
     ----------
     presses : list of Press
     oracle : Oracle
     above : float
-        Height above the surface at which they were to begin, m.
+        Intended height of the starts above the surface, m; a third of it is sufficient.
 
     Returns
     -------
@@ -182,18 +182,18 @@ def free_starts(presses, oracle, above=ABOVE):
 
 
 def run(field, spec, size, stiffness, presses, feel=None):
-    """Make presses with a simulated device; yield the session and proxies (n, 3), m, of each.
+    """Press with a simulated device; yield the session and the proxies (n, 3), m, of each press.
 
     Parameters
     ----------
     field : pandis.runtime.field.NativeField
     spec : pandis.pipeline.judge.servo.devices.Specification
     size, stiffness : float
-        Metres of the longest side, N/m.
+        Longest side, m; stiffness, N/m.
     presses : list of Press
     feel : pandis.runtime.contact.Feel, optional
-        Feel of a probe with a proxy. Without it the force is the penalty force, and the last
-        place outside counts as its proxy.
+        Probe with a proxy, and its surface. If None, the force is the penalty force, and the
+        probe's last place outside counts as its proxy.
     """
     period = 1 / spec.rate
     share = np.concatenate([
@@ -231,10 +231,10 @@ def judge(runs, oracle, error, detours=True, radius=0.0):
     error : float
         The field's largest error at the surface, m.
     detours : bool
-        Whether a proxy may go around something in a tick. A probe under a penalty force, which is
-        outside, inside and outside again, does not.
+        Whether a proxy may go around an obstacle within a tick. Set this to False for penalty
+        forces: a probe that is outside, inside and outside again went through.
     radius : float
-        Radius of the probe, m: proxies must lie this far outside.
+        Radius of the probe, m. Proxies must stay this far outside.
 
     Returns
     -------
@@ -265,7 +265,7 @@ def judge(runs, oracle, error, detours=True, radius=0.0):
 
 
 class _Run(NamedTuple):
-    """Places of a proxy, without repetitions, and its final distance from the probe."""
+    """Successive distinct places of a proxy, and its final distance from the probe, m."""
 
     places: np.ndarray
     ended: bool
@@ -273,7 +273,7 @@ class _Run(NamedTuple):
 
     @classmethod
     def of(cls, session, proxies):
-        if session.cause != DONE:  # after its end no force was asked for
+        if session.cause != DONE:  # after an early end there were no queries
             pushed = np.flatnonzero(session.force.any(axis=1))
             proxies = proxies[: pushed[-1] + 1 if len(pushed) else 1]
         moved = np.concatenate([[True], (np.diff(proxies, axis=0) != 0).any(axis=1)])
@@ -282,8 +282,8 @@ class _Run(NamedTuple):
 
 
 def _fault(run, distance, outward, margin, oracle, detours=True):
-    """Return the fault, if any, of a run that was never too deep."""
-    # a proxy can cross a wall of two margins without lying deeper than one
+    """Return the fault, if any, of a run whose proxy was never too deep."""
+    # a proxy can cross a wall two margins thick without being deeper than one margin
     for i in np.flatnonzero(np.linalg.norm(np.diff(run.places, axis=0), axis=1) > 2 * margin):
         if _through(
             run.places[i : i + 2], distance[i : i + 2], outward[i : i + 2], margin, oracle, detours
@@ -293,11 +293,11 @@ def _fault(run, distance, outward, margin, oracle, detours=True):
 
 
 def _through(places, distance, outward, margin, oracle, detours):
-    """Return whether no free way near two places (2, 3) leads from the first to the second.
+    """Return whether no free path near two places (2, 3) leads from the first to the second.
 
-    What happens between ticks is not known. The straight way is tried first, as far outside as a
-    proxy may lie inside. Ways that are not much longer follow, through balls that are free by
-    libigl's distances.
+    The proxy's path between ticks is unknown. The straight segment is tested first, moved outside
+    by the depth that is allowed inside. Then slightly longer paths are tested, through balls that
+    are free by libigl's distances.
     """
     length = np.linalg.norm(places[1] - places[0])
     if length <= np.maximum(0.0, distance).sum():
@@ -311,8 +311,8 @@ def _through(places, distance, outward, margin, oracle, detours):
 def _leads_around(places, margin, oracle, longest):
     """Return whether a chain of overlapping free balls leads from one place to the other.
 
-    A proxy may be off by a margin, so a ball within a margin of a place belongs to it. Balls grow
-    on the rims of others, those nearest to the goal first, within the ellipsoid of ways that are
+    A proxy may be off by a margin, so any ball within a margin of a place is connected to it. New
+    balls are added on the rims of others, nearest to the goal first, within the ellipsoid of paths
     no longer than ``longest``.
     """
     rng, (start, goal) = np.random.default_rng(0), places

@@ -1,8 +1,8 @@
-"""A field under a simulated device and a hand: limits, energy, the largest safe stiffness.
+"""Presses a simulated, hand-held device onto a field: limits, energy, largest safe stiffness.
 
-The C loop of a real device runs here on a simulated one, in tick time: position in, force out
-through the guard, HDAPI's order and errors. The hand presses on surface points of every class of
-inscribed radius, and slides along the evaluation trajectory.
+The C loop for a real device runs here on a simulated one, in simulated time. It reads positions,
+sends forces through the guard, and has HDAPI's order of calls and errors. The hand presses on
+surface points of every class of inscribed radius, and slides along the evaluation trajectory.
 """
 
 from typing import NamedTuple
@@ -20,25 +20,25 @@ from pandis.runtime.scene import NativeScene, Placed
 
 #: Duration of a press, and of the slide, ms.
 TICKS, SLIDE = 1200, 2000
-#: Heights above the surface (m). A press begins at the first where the field has no force.
+#: Heights above the surface (m). A press begins at the lowest one where the field has no force.
 _HEIGHTS = START * 2.0 ** np.arange(7)
-#: A press of up to this times the friction may never reach the wall.
+#: A press of up to this multiple of the friction may never reach the wall.
 _STUCK = 1.5
-#: Press as a share of what the wall holds: a sudden press swings to twice its force.
+#: Pressing force as a share of what the wall holds: a sudden press overshoots to twice its force.
 _GENTLE = 0.5
-#: Energy (J) that may be missing: an encoder step times the pressing force hides as much.
+#: Energy (J) that the device may appear to gain: an encoder step times the pressing force.
 SLACK = 2e-5
 
 
-#: Dampings (Ns/m) of the hands that safe stiffnesses are found for: light, holding on, firm.
+#: Dampings (Ns/m) of the hands for which safe stiffnesses are determined: light, medium, firm.
 HANDS = (0.3, 1.0, 3.0)
 
 
 class Hand(NamedTuple):
     """The hand that holds the device.
 
-    ``stiffness``, N/m; ``damping``, Ns/m; ``press``: pressing force, N; ``delay``: ticks by which
-    the force is late.
+    ``stiffness``, N/m; ``damping``, Ns/m; ``press``: pressing force, N; ``delay``: delay of the
+    force, ticks.
     """
 
     stiffness: float
@@ -48,18 +48,18 @@ class Hand(NamedTuple):
 
 
 class Contact(NamedTuple):
-    """Where the hand presses and slides: m, in the device's workspace.
+    """Points at which the hand presses and slides, m, in the device's workspace.
 
     Attributes
     ----------
     points, normals : ndarray, shape (n, 3)
-        The surface above a trajectory, and the outward normals there.
+        Surface points above a trajectory, and their outward normals.
     feet, outward : ndarray, shape (m, 3)
-        Surface points that are pressed on, and their outward normals.
+        Surface points to press on, and their outward normals.
     radius : ndarray, shape (m,)
-        Inscribed radii there.
+        Inscribed radii at ``feet``.
     hard_feet, hard_outward : ndarray, shape (p, 3)
-        Points of full-force presses through a proxy, with the thinnest walls among them.
+        Likewise, for full-force presses through a proxy; they include the thinnest walls.
     """
 
     points: np.ndarray
@@ -72,7 +72,7 @@ class Contact(NamedTuple):
 
 
 def contact(trajectory, places, thin, size):
-    """Return where a hand presses and slides, in the device's workspace.
+    """Return the points at which a hand presses and slides, in the device's workspace.
 
     Parameters
     ----------
@@ -81,7 +81,7 @@ def contact(trajectory, places, thin, size):
     places, thin : pandis.pipeline.geometry.places.Stratified
         Surface points to press on, and to press hard through a proxy; unit frame.
     size : float
-        Metres of the longest side.
+        Longest side, m.
     """
     normals, metres = trajectory["normal"], size / UNIT_SIDE
     above = trajectory["points"] - trajectory["distance"][:, None] * normals
@@ -105,12 +105,12 @@ def press(field, spec, surface, size, stiffness, hand, rate, feel=None):
     spec : pandis.pipeline.judge.servo.devices.Specification
     surface : Contact
     size, stiffness : float
-        Longest side, m, and stiffness asked for, N/m; the device's largest caps it.
+        Longest side, m, and requested stiffness, N/m, which is capped at the device's largest.
     hand : Hand
     rate : float
         Ticks per second.
     feel : pandis.runtime.contact.Feel, optional
-        Feel of a probe with a proxy; a penalty force without it.
+        Probe with a proxy, and its surface; None for penalty forces.
 
     Returns
     -------
@@ -128,7 +128,7 @@ def press(field, spec, surface, size, stiffness, hand, rate, feel=None):
     others = [hand._replace(damping=damping) for damping in HANDS if damping != hand.damping]
     others.append(hand._replace(stiffness=0.0, damping=0.0))
     rigs = [rig, *(_Rig(field, spec, surface, size, other, rate, feel) for other in others)]
-    # in tick time nothing is late, however many rigs run in parallel
+    # in simulated time nothing is late, however many rigs run in parallel
     searched = list(each(lambda one: one.safe(stiffness), rigs, thread_count()))
     safe, limit = searched[0]
     stiffest = {
@@ -161,14 +161,14 @@ class _Rig:
         self.size, self.surface, self._pressed = size, surface, {}
         starts = self._free(surface.feet, surface.outward)
         self.picked = list(zip(surface.feet, surface.outward, surface.radius, starts, strict=True))
-        # the hand waits above the surface until the whole force is given
+        # the hand waits above the surface until the force has ramped up
         self.wait = round(RAMP * rate)
         self.ticks = self.wait + round(TICKS * 1e-3 * rate)
 
     def _free(self, feet, outward):
         """Return the lowest places (n, 3) above surface points at which the field has no force.
 
-        A device is armed only where no force acts, and a force grid pushes in free space, too.
+        A device is armed only where no force acts, and a force grid also pushes in free space.
         """
         heights = _HEIGHTS[:, None, None] + (self.feel.radius if self.feel else 0.0)
         places = feet + heights * outward
@@ -177,14 +177,14 @@ class _Rig:
         return places[np.argmin(pushed, axis=0), np.arange(len(feet))]
 
     def strength(self, stiffness, radius):
-        """Return the force (N) of the hand where the inscribed radius is ``radius``."""
+        """Return the hand's pressing force (N) where the inscribed radius is ``radius`` (m)."""
         return min(self.hand.press, _GENTLE * stiffness * radius)
 
     def order(self, stiffness, ticks):
         placed = Placed.at(self.field, self.size, stiffness)
         scene = self.feel.scene(placed) if self.feel else NativeScene([placed])
         limits = self.spec.limits(self.period, stiffness)
-        limits.most_damping = 0.0  # a safe stiffness needs no damping: that is for the unforeseen
+        limits.most_damping = 0.0  # a safe stiffness must not depend on added damping
         return Order(scene, ticks, limits, self.period, armed=True)
 
     def simulated(self, wall):
@@ -192,7 +192,7 @@ class _Rig:
         return self.spec.simulated(hand.stiffness, hand.damping, hand.delay, self.period, wall)
 
     def presses(self, stiffness):
-        if stiffness not in self._pressed:  # the ladder has a rung at the stiffness asked for
+        if stiffness not in self._pressed:  # cached: the ladder repeats the requested one
             order, device = self.order(stiffness, self.ticks), self.simulated(stiffness)
             self._pressed[stiffness] = []
             for point, normal, radius, start in self.picked:
@@ -209,7 +209,7 @@ class _Rig:
         return self._pressed[stiffness]
 
     def slide(self, stiffness):
-        """Let the hand follow the trajectory, a step per millisecond."""
+        """Make the hand follow the trajectory, one step per millisecond."""
         count = min(SLIDE, len(self.surface.points))
         at = np.arange(round(count * 1e-3 / self.period)) * self.period * 1e3
         steps = np.arange(len(self.surface.points))
@@ -228,7 +228,7 @@ class _Rig:
         return run.cause == DONE and shaking(path, self.period) < QUIET
 
     def quiet(self, stiffness):
-        """Return the share of the presses that reach a wall and keep still there.
+        """Return the share of presses that reach a wall and stay still there.
 
         Presses that friction may have stopped before the wall are ignored. If that leaves none,
         the share is 1.
@@ -242,7 +242,7 @@ class _Rig:
         return float(np.mean(shares)) if shares else 1.0
 
     def safe(self, stiffness):
-        """Return the largest stiffness that is quiet and passive, and what limits it."""
+        """Return the largest quiet and passive stiffness (N/m), and a clause on what limits it."""
         last, why = 0.0, ""
         for trial in LADDER * stiffness:
             runs = self.presses(trial)
@@ -258,5 +258,5 @@ class _Rig:
             if trial > self.spec.stiffness:
                 break
         if last >= self.spec.stiffness:
-            return self.spec.stiffness, "the most tried on this device"
-        return last, why or "more was not tried"
+            return self.spec.stiffness, "the largest tried on this device"
+        return last, why or "larger values were not tried"

@@ -1,4 +1,4 @@
-"""A field felt through a proxy: what it costs, whether a wall lets it through, what is safe."""
+"""Tests fields through a proxy: query times, passes through walls, and safe stiffnesses."""
 
 from functools import partial
 from typing import NamedTuple
@@ -20,21 +20,21 @@ from pandis.runtime.contact.surfaces import materials_for, texture_for, textures
 from pandis.runtime.field import NativeField
 from pandis.runtime.scene import Placed
 
-#: Least and largest budget of queries per tick, and the share of the deadline that they may fill.
+#: Least and largest budget of queries per tick, and the share of the deadline that they may take.
 LEAST, MOST, SHARE = 8, 24, 0.5
 #: Largest angle between a press and the normal, rad.
 _SLANT = 0.3
 
 
 class Surfaces(NamedTuple):
-    """Feel of an object's materials, by name, as a report states it."""
+    """Properties of an object's materials, and its textures, by name, as stored in a report."""
 
     materials: dict
     textures: dict
 
 
 class Truth(NamedTuple):
-    """The reference that tells whether a wall has let a proxy through.
+    """The reference for judging whether a proxy has passed through a wall.
 
     Attributes
     ----------
@@ -51,7 +51,7 @@ class Truth(NamedTuple):
     def error(self, field, size):
         """Return the largest error of a field at the surface, m.
 
-        Plus the error of the mesh itself, if the object is a closed form.
+        If the object is a closed form, the error of its mesh is included.
         """
         if not len(self.feet):
             return 0.0
@@ -65,27 +65,27 @@ class Truth(NamedTuple):
 
 
 def feel_for(field, beside, contact, size, seconds, deadline):
-    """Return how a field feels through a proxy.
+    """Return the proxy settings with which a field is tested.
 
     Parameters
     ----------
     field : pandis.runtime.field.NativeField
     beside : pandis.runtime.field.NativeField or None
-        A mesh of the same object, for its regions if the field has none.
+        Mesh of the same object, whose regions are used if the field has none.
     contact : pandis.pipeline.run.ask.contacts.ContactOptions
     size : float
-        Metres of the longest side.
+        Longest side, m.
     seconds, deadline : float
-        Time of a query here, and the deadline of a tick, s.
+        Time of a query on this machine, and the deadline of a tick, s.
 
     Returns
     -------
     feel : pandis.runtime.contact.Feel or None
-        None where there is no proxy.
-    surfaces : Surfaces
-        Likewise None.
+        None if there is no proxy.
+    surfaces : Surfaces or None
+        None if there is no proxy.
     lacks : str
-        Empty, or why there is no proxy.
+        Why there is no proxy; empty if there is one.
     """
     if contact.kind == "penalty":
         return None, None, "contact.kind asks for penalty forces"
@@ -116,7 +116,7 @@ def regions_among(exports):
     """
     knowing = [name for name, kind in KINDS.items() if kind.regions]
     meshes = [path for path in exports if known_field(path.stem).kind in knowing]
-    for path in sorted(meshes, key=lambda path: path.stem):  # a compact one first
+    for path in sorted(meshes, key=lambda path: path.stem):  # compact meshes first
         field = NativeField(path)
         if field.region_names:
             return field
@@ -124,21 +124,21 @@ def regions_among(exports):
 
 
 def felt_again(field, verdict, size, folder):
-    """Return how a field was felt when it was validated.
+    """Return the probe and surface with which a field was validated.
 
     Parameters
     ----------
     field : pandis.runtime.field.NativeField
     verdict : pandis.pipeline.run.records.hardware.ProxyVerdict
     size : float
-        Metres of the longest side.
+        Longest side, m.
     folder : Path
-        Folder of exported files, where one may name the materials of faces.
+        Folder of exported files, one of which may name the materials of faces.
 
     Raises
     ------
     pandis.base.errors.PandisError
-        There are several materials, and no file in the folder says which one a face has.
+        There are several materials, and no file in the folder names the materials of faces.
     """
     materials = tuple(Material(**values) for values in verdict.materials.values())
     beside = None
@@ -147,15 +147,15 @@ def felt_again(field, verdict, size, folder):
         if beside is None:
             raise PandisError(
                 f"{folder}: the proxy was validated with the materials "
-                f"{', '.join(verdict.materials)}, and no file here says which of them a place is "
-                "made of; put exact.pandis or the compact file of the same run beside the field"
+                f"{', '.join(verdict.materials)}, and no file here names the materials of "
+                "faces; put exact.pandis or the compact file of the same run beside the field"
             )
     texture = texture_for(verdict.textures, Placed.at(field, size, 1.0).scale)
     return Feel(verdict.radius, materials, beside, verdict.budget, texture)
 
 
 def try_proxy(field, feel, surfaces, path, surface, walls, truth, options):
-    """Try a field through a proxy.
+    """Test a field through a proxy.
 
     Parameters
     ----------
@@ -180,7 +180,7 @@ def try_proxy(field, feel, surfaces, path, surface, walls, truth, options):
         contact.set(budget=feel.queries)
         followed.append(contact.follow(path, 1 / options.rate, timed=True))
     touches = followed[0]
-    # the lesser of two equal runs: other programs may have delayed one
+    # the shorter time of two equal runs: other programs may have delayed one
     seconds = np.minimum(*(each.seconds for each in followed))
     missed = float((seconds > options.deadline).mean())
     touching = float(((touches.state & TOUCHING) > 0).mean())
@@ -202,7 +202,7 @@ def try_proxy(field, feel, surfaces, path, surface, walls, truth, options):
 
 
 def touch_device(name, field, feel, surface, walls, truth, options, rate):
-    """Press a simulated device onto a field through a proxy, gently and with all its force."""
+    """Press a simulated device onto a field through a proxy, gently and with full force."""
     spec, hand = DEVICES[name], Hand(**dict(options.hand))
     pressed = press(field, spec, surface, options.size, options.stiffness, hand, rate, feel)
     error = truth.error(field, options.size)

@@ -34,7 +34,7 @@ from pandis.runtime.scene import NativeScene, Placed
 
 #: Models that OpenHaptics drives.
 ATTACHED = get_args(AttachedOptions.model_fields["model"].annotation)
-#: The hand that holds the simulated device: N/m and Ns/m.
+#: Stiffness (N/m) and damping (Ns/m) of the hand that holds the simulated device.
 HAND = (300.0, 6.0)
 
 
@@ -44,16 +44,16 @@ def digest(path):
 
 
 class Known(NamedTuple):
-    """What a validation has found for a file on a device.
+    """Results of a validation for a file on a device.
 
     Attributes
     ----------
     pressed, walls
         As for `pandis.pipeline.judge.servo.attached.stiffness_for`.
     why : str
-        Empty, or why nothing is known.
+        Why there are no results; empty if there are.
     proxy : pandis.pipeline.run.records.hardware.ProxyVerdict or None
-        The proxy's verdict, if a proxy was asked for.
+        The proxy's verdict, if it was requested.
     """
 
     pressed: object = None
@@ -63,7 +63,7 @@ class Known(NamedTuple):
 
 
 def known(path, model, size, through_proxy=False):
-    """Return what a validation found for a file on a device, or why it says nothing.
+    """Return a validation's results for a file on a device, or why there are none.
 
     Parameters
     ----------
@@ -72,9 +72,9 @@ def known(path, model, size, through_proxy=False):
     model : str
         A key of `pandis.pipeline.judge.servo.devices.DEVICES`.
     size : float
-        Metres of the longest side.
+        Longest side, m.
     through_proxy : bool
-        Look up the proxy, not penalty forces.
+        Whether to look up the results with the proxy instead of those with penalty forces.
 
     Returns
     -------
@@ -90,7 +90,7 @@ def known(path, model, size, through_proxy=False):
     validated = report.fields.get(path.stem)
     if validated is None or validated.sha256 != digest(path):
         return Known(why=f"{verdict} is about another file: run the workflow's hardware stage")
-    if not abs(report.size / size - 1) <= 1e-6:  # NaN disagrees, too
+    if not abs(report.size / size - 1) <= 1e-6:  # negated so that NaN differs, too
         return Known(why=f"{verdict} is about a longest side of {report.size:g} m: use --size")
     if report.rate != DEVICES[model].rate:
         return Known(why=f"{verdict} is about {report.rate:g} Hz, not this device's rate")
@@ -102,7 +102,7 @@ def known(path, model, size, through_proxy=False):
         if proxy is None:
             return Known(why=f"{verdict} has no proxy: {validated.no_proxy}")
         if not proxy.in_time:
-            return Known(why=f"{verdict} says: it computes too long through a proxy")
+            return Known(why=f"{verdict} says: a proxy does not compute its forces in time")
         devices = proxy.devices
     pressed = devices.get(model)
     if pressed is None:
@@ -121,7 +121,7 @@ def touch_simulated(field, model, size, stiffness, seconds, feel=None):
     size, stiffness, seconds : float
         Longest side, m; stiffness, N/m; duration, s.
     feel : pandis.runtime.contact.Feel, optional
-        Feel of a probe with a proxy; the penalty force without it.
+        Probe with a proxy, and its surface; None for penalty forces.
 
     Raises
     ------
@@ -140,14 +140,14 @@ def touch_simulated(field, model, size, stiffness, seconds, feel=None):
     device = spec.simulated(*HAND, 0, period, stiffness)
     placed = Placed.at(field, size, stiffness)
     scene = feel.scene(placed) if feel else NativeScene([placed])
-    # nothing is late on a device that does not exist
+    # loose limits: a simulated device does no harm if a tick is late
     late = {"deadline": 1.0, "gap": 1.0, "patience": 5.0}
     order = Order(scene, ticks, spec.limits(period, stiffness), period, armed=True, **late)
     return run_simulated(device, rest[0], rest, np.zeros(3), order, clock=True)
 
 
 def _feel(field, options, proxy):
-    """Return how a field is felt through a proxy: as it was validated, or as the user says."""
+    """Return the probe with a proxy as it was validated, changed by the user's options."""
     feel = (
         felt_again(field, proxy, options.size, options.field.resolve().parent) if proxy else Feel()
     )
@@ -160,7 +160,7 @@ def _feel(field, options, proxy):
 
 
 def describe(session, stiffness):
-    """Describe a run in a sentence."""
+    """Return a sentence that describes a run."""
     return (
         f"{session.sentence}: {len(session.force):,} ticks at {stiffness:.0f} N/m, at most "
         f"{session.strongest:.2f} N, {session.cut} ticks cut, {session.slowed} slowed, "
@@ -169,7 +169,7 @@ def describe(session, stiffness):
 
 
 def main(words=None):
-    """Run the program; returns its exit status."""
+    """Run the program and return its exit status."""
     about = __doc__.split("\n", 1)[0]
     parser = argparse.ArgumentParser("pandis-touch", description=about)
     parser.add_argument("field", type=Path, help="FIELD.pandis, as exported")
@@ -180,7 +180,7 @@ def main(words=None):
     parser.add_argument("--size", type=float, default=0.1, help="longest side, m")
     parser.add_argument("--stiffness", type=float, default=400.0, help="stiffness asked for, N/m")
     parser.add_argument("--seconds", type=float, default=10.0)
-    parser.add_argument("--proxy", action="store_true", help="a proxy, which no wall lets through")
+    parser.add_argument("--proxy", action="store_true", help="use a proxy that stays outside walls")
     parser.add_argument("--radius", type=float, help="proxy radius, m; by default as validated")
     parser.add_argument("--friction", type=float, help="coefficient; by default as validated")
     parser.add_argument("--arm", action="store_true", help="send forces, with PANDIS_ARM=1")
@@ -189,8 +189,8 @@ def main(words=None):
         parser.error(f"only {' and '.join(ATTACHED)} can be attached; others with --simulated")
     overrides = [value for value in (line.radius, line.friction) if value is not None]
     if overrides and not (line.proxy and line.simulated):
-        parser.error("a device has the contact that was validated: --radius and --friction are for "
-                     "--simulated --proxy")  # fmt: skip
+        parser.error("--radius and --friction require --simulated --proxy: a real device uses the "
+                     "contact that was validated")  # fmt: skip
     if not all(value >= 0 for value in overrides):
         parser.error("--radius and --friction must be 0 or more")
     try:

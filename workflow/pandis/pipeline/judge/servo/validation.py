@@ -1,4 +1,4 @@
-"""The verdict on every exported field."""
+"""Validates every exported field at the servo rate and on simulated devices."""
 
 import hashlib
 import json
@@ -40,9 +40,9 @@ from pandis.runtime.servo import run_ticks
 
 #: Largest difference from the evaluated forces that passes (unit frame, k = 1).
 AGREEMENT = 2e-5
-#: Share of its period that a tick may take, whatever the deadline.
+#: Largest share of its period that a tick may take, whatever the deadline.
 WITHIN = 0.8
-#: Height above the surface (unit frame) where the probe begins, and ticks until it is on its path.
+#: Height above the surface (unit frame) at which the probe begins, and ticks of its approach.
 _OUTSIDE, _WAY = 0.05, 50
 _LEVELS = {"p50": 50, "p99": 99, "p99.9": 99.9, "max": 100}
 
@@ -53,7 +53,7 @@ WHAT_RAN = (
     "surface points of every thickness. The devices named here are simulated."
 )
 
-#: Statement on what the loop does while it waits.
+#: Statements on what the loop does between ticks.
 AGAIN = (
     "While it waited for a tick, the loop queried the field again at the probe's last position, to "
     "keep its data in the caches (hardware.ask_again). A device's own scheduler cannot do this."
@@ -69,9 +69,9 @@ def validate_exports(exports, walls, oracle, trajectory, evaluation, mesh, optio
     exports : list of Path
         ``{field}.pandis``.
     walls : pandis.pipeline.judge.servo.walls.Walls
-        Where forces are compared with the exact ones, and where devices press.
+        Points at which forces are compared with the exact ones, and on which devices press.
     oracle : pandis.pipeline.judge.servo.passes.Oracle
-        Oracle of the mesh in the device's workspace: tells whether a wall lets a proxy through.
+        Oracle of the mesh in the device's workspace, which detects passes through walls.
     trajectory, evaluation : pandis.pipeline.run.job.artifact.Artifact
     mesh : str
         Name of the mesh.
@@ -82,8 +82,8 @@ def validate_exports(exports, walls, oracle, trajectory, evaluation, mesh, optio
     Returns
     -------
     arrays, attributes : dict
-        As stored in ``hardware.zarr.zip``: per field and tick compute time, lateness and force;
-        the same clock without work, and the fields beside other work on every core.
+        As stored in ``hardware.zarr.zip``: compute time, lateness and force per field and tick;
+        lateness of the clock without work; results while other work loads every core.
     text : str
         ``hardware.json``.
     """
@@ -148,7 +148,7 @@ def validate_exports(exports, walls, oracle, trajectory, evaluation, mesh, optio
 
 
 class _Felt(NamedTuple):
-    """A field felt through a proxy: its feel, its verdict, and the truth it is judged by."""
+    """A field felt through a proxy: probe and surface, verdict, and the reference to judge by."""
 
     feel: Feel
     verdict: ProxyVerdict
@@ -156,11 +156,11 @@ class _Felt(NamedTuple):
 
 
 def _attached(field, surface, servo, devices, options, felt=None):
-    """Run a field on the attached device, no stiffer than is safe on a simulated one."""
+    """Run a field on the attached device, at most as stiff as is safe on a simulated one."""
     model = options.attached.model
     rate = DEVICES[model].rate
     pressed = (felt.verdict.devices if felt else devices).get(model)
-    if pressed is None or options.rate != rate:  # what is safe at one rate is not at another
+    if pressed is None or options.rate != rate:  # a safe stiffness holds for one rate
         chosen = options.model_copy(update={"devices": [model], "rate": rate})
         if felt:
             pressed = touch_device(
@@ -195,7 +195,7 @@ def _check_names(contact, beside, log):
 
 
 def _statement(fields):
-    """Say what ran; a device is named only if one ran."""
+    """Return a statement on what ran; it names a device only if one ran."""
     statements = [v.attached.statement for v in fields.values() if v.attached]
     return (
         " ".join([WHAT_RAN, *dict.fromkeys(statements)])
@@ -205,9 +205,9 @@ def _statement(fields):
 
 
 def pushing_feet(field, walls):
-    """Return the surface points (n, 3), unit frame, below which a field has the force.
+    """Return the surface points (n, 3), unit frame, below which a field's force is not missing.
 
-    Its surface error is measured there, so that a hole excuses nothing.
+    The surface error is measured at them only, so that a hole does not excuse a pass through it.
     """
     probes = walls.contacts.pressed
     force = force_of(field)(probes.points)
@@ -216,7 +216,7 @@ def pushing_feet(field, walls):
 
 
 def press_devices(field, surface, walls, options):
-    """Press every simulated device of the options onto a field's object.
+    """Press every configured simulated device onto a field's object.
 
     ``walls`` is a `pandis.pipeline.run.records.hardware.WallVerdict`.
 
@@ -250,8 +250,8 @@ def validate(field, frame, points, reference, walls, options):
     points : ndarray, shape (m, 3), mesh units
         The evaluation trajectory.
     reference : ndarray, shape (m, 3)
-        The evaluated force of the same file there (unit frame, k = 1). Export has compared that
-        file with the library.
+        The evaluated force of the same file at ``points`` (unit frame, k = 1). Export has compared
+        the file with the library.
     walls : pandis.pipeline.run.records.hardware.WallVerdict
     options : pandis.pipeline.run.ask.options.HardwareOptions
 
@@ -262,7 +262,7 @@ def validate(field, frame, points, reference, walls, options):
     servo : pandis.pipeline.run.records.hardware.ServoVerdict
     """
     run = run_ticks(field, points, _ticks(options), options.rate, options.ask_again)
-    force = run.force * frame.scale  # distances came in mesh units
+    force = run.force * frame.scale  # distances are in mesh units
     expected = reference[np.arange(len(force)) % len(points)]
     difference = np.linalg.norm(force - expected, axis=1).max()
     missed = run.compute > options.deadline
@@ -292,7 +292,7 @@ def validate(field, frame, points, reference, walls, options):
 
 
 def _loaded(field, points, options):
-    """Run a field beside other work on every core."""
+    """Run a field while other work loads every core."""
     count = max(1, round(options.loaded_seconds * options.rate))
     with busy_cores():
         run = run_ticks(field, points, count, options.rate, options.ask_again)
@@ -325,14 +325,14 @@ def _longest_run(missed):
 
 
 def _sentence(servo, options):
-    """Describe the verdict with its figures."""
+    """Return a sentence with the verdict and its figures."""
     rate, deadline = options.rate, options.deadline * 1e3
     allowed = f"{100 * options.misses:g} % allowed"
     time = (
         f"{100 * servo.miss_share:.2f} % of the ticks took longer than {deadline:g} ms to compute "
         f"at {rate:g} Hz, {100 * servo.late_share:.2f} % began more than that late ({allowed})"
     )
-    force = f"forces are the evaluated ones within {servo.agreement:.1e}"
+    force = f"forces equal the evaluated ones within {servo.agreement:.1e}"
     if not servo.agrees:
         off = servo.agreement
         force = f"forces differ from the evaluated ones by {off:.1e} ({AGREEMENT:.0e} allowed)"

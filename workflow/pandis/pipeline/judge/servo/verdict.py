@@ -1,4 +1,4 @@
-"""Advice on a field, for this machine and for each device, in a paragraph."""
+"""Words the verdicts and the advice on a field, for this machine and for each device."""
 
 from pandis.pipeline.geometry.shares import MISSING_LIMIT
 from pandis.pipeline.judge.servo.devices import DEVICES
@@ -8,13 +8,13 @@ from pandis.pipeline.judge.stress.coupled import CALM
 
 
 def judge(pressed, walls):
-    """Return ``pass`` or ``fail`` for a pressed device and compared walls."""
+    """Return ``pass`` or ``fail`` from presses with a device and from compared forces."""
     whole = walls.holds and not walls.pressed_missing
     return "pass" if whole and _is_good(pressed) else "fail"
 
 
 def _is_good(pressed):
-    """Tell whether a pressed device stays within its limits, stays still and adds no energy."""
+    """Return whether a pressed device stays within its limits, keeps still and gains no energy."""
     good = pressed.within_limits and pressed.passive and pressed.quiet >= CALM
     return bool(good and not pressed.unarmed and pressed.safe_n_m >= pressed.stiffness)
 
@@ -29,8 +29,8 @@ def machine_verdict(servo):
     Returns
     -------
     str
-        ``fail``: the file does not give the forces that were evaluated, or lacks those of the exact
-        field, or computes too long; ``late``: the field passed, but the machine began ticks
+        ``fail``: the forces are not the evaluated ones, or differ too much from the exact ones, or
+        take too long to compute; ``late``: the field passed, but the machine began ticks
         too late, so there is no verdict; ``pass``.
     """
     if not (servo.agrees and servo.in_time and servo.walls.holds):
@@ -41,7 +41,7 @@ def machine_verdict(servo):
 def proxy_verdict(touched):
     """Return ``pass`` or ``fail`` for a device that pressed through a proxy.
 
-    Without hard presses, for want of room, nothing is known of walls: the verdict is ``fail``.
+    If there was no room for hard presses, walls were not tested: the verdict is ``fail``.
 
     Parameters
     ----------
@@ -52,7 +52,7 @@ def proxy_verdict(touched):
 
 
 def proxy_sentence(touched):
-    """Describe a field through a proxy on a simulated device."""
+    """Return a sentence on a field through a proxy on a simulated device."""
     clauses = (
         f"no wall lets it through in {touched.presses} presses of 1.2 times the largest force "
         f"({touched.penalty_passes} with penalty forces)"
@@ -78,7 +78,7 @@ def proxy_sentence(touched):
 
 
 def device_sentence(name, pressed, walls):
-    """Describe a field on the simulated device called ``name``.
+    """Return a sentence on a field on the simulated device called ``name``.
 
     Parameters
     ----------
@@ -117,10 +117,10 @@ def _compared(walls):
 
 
 def _instead(walls):
-    """Say what helps: no field is recommended for an object that is too thin to be judged."""
+    """Return what to do instead of using a field that fails."""
     if walls.left_out > MISSING_LIMIT:
         return "No field of this object can be judged: make device.size larger."
-    return "Take a larger field, or the exact one."
+    return "Use a larger field, or the exact one."
 
 
 def _faults(name, pressed):
@@ -129,7 +129,7 @@ def _faults(name, pressed):
     if pressed.ended:
         faults.append(f"a run ended early ({pressed.ended})")
     if pressed.cut:
-        faults.append(f"{pressed.cut} ticks wanted more than its {device.force:g} N")
+        faults.append(f"{pressed.cut} ticks required more than its {device.force:g} N")
     if pressed.reach_m > device.workspace:
         reach, radius = 1e3 * pressed.reach_m, 1e3 * device.workspace
         faults.append(
@@ -145,7 +145,7 @@ def _faults(name, pressed):
 
 
 def _unrest(pressed):
-    """Return, as clauses, that a press shakes or that its wall gives energy."""
+    """Return clauses that state whether a press shakes and whether its wall gives energy."""
     faults = [_still(pressed)] if pressed.quiet < CALM else []
     return faults if pressed.passive else [*faults, f"the wall {_energy(pressed)}"]
 
@@ -165,7 +165,7 @@ def _energy(pressed):
 
 
 def machine_sentence(servo, options):
-    """Say whether a field holds the rate on this machine."""
+    """Return a sentence on whether a field keeps up with the rate on this machine."""
     rate, deadline = options.rate, 1e6 * options.deadline
     took = servo.compute_us["p99.9"]
     if not servo.agrees:
@@ -196,8 +196,8 @@ def paragraph(servo, devices, options, proxy=None):
         )
     elif proxy and not proxy.in_time:
         sentences.append(
-            f"A proxy does not hold the rate here: {100 * proxy.miss_share:.2g} % of ticks "
-            "compute too long; make contact.queries smaller, or take another field."
+            f"A proxy does not hold the rate here: {100 * proxy.miss_share:.2g} % of ticks take "
+            "too long to compute; make contact.queries smaller, or use another field."
         )
     for name, device in devices.items():
         sentences.append(device.sentence)

@@ -1,4 +1,4 @@
-"""Compares the forces of an exported field with the exact ones, on thin parts, too."""
+"""Compares the forces of an exported field with the exact ones, including on thin parts."""
 
 from typing import NamedTuple
 
@@ -21,26 +21,26 @@ from pandis.pipeline.judge.controls import controls, demand_failure
 from pandis.pipeline.judge.stress.ghosts import far_ghosts
 from pandis.pipeline.run.records.hardware import WallVerdict
 
-#: Surface points where forces are compared, and where a simulated device presses.
+#: Number of surface points at which forces are compared, and on which a simulated device presses.
 POINTS, PRESSED = 20_000, 10
-#: Largest 99th percentile of ‖F − F_exact‖ (N): about half of the mean exact force, as deep as a
-#: probe goes at the default stiffness.
+#: Largest allowed 99th percentile of ‖F − F_exact‖ (N): about half of the mean exact force at the
+#: greatest depth of a probe at the default stiffness.
 TAIL_LIMIT = 0.2
 
 
 class Walls(NamedTuple):
-    """Where the forces of a mesh's fields are compared with the exact ones.
+    """Points at which the forces of a mesh's fields are compared with the exact ones.
 
     Attributes
     ----------
     contacts : pandis.pipeline.geometry.measure.ContactSet
     pressed : pandis.pipeline.geometry.places.Stratified
-        Points that a simulated device presses on, as many of every class of inscribed radius.
+        Points on which a simulated device presses, equally many per class of inscribed radius.
     pressed_probes : pandis.pipeline.geometry.shares.Probes
-        Below those, at the depth min(0.04, 0.9 r).
+        Probes below ``pressed``, at the depth min(0.04, 0.9 r), unit frame.
     thin : pandis.pipeline.geometry.places.Stratified
-        Points that are pressed through a proxy, likewise; among them are walls that a penalty
-        force does not hold.
+        Likewise, for presses through a proxy. They include walls too thin for a penalty force to
+        resist a hand.
     """
 
     contacts: ContactSet

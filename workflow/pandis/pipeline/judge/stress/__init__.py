@@ -1,1 +1,1 @@
-"""What a force field does to a device and a hand: the stress suite, one module per question."""
+"""The stress suite: tests of what a force field does to a device and a hand."""

@@ -1,4 +1,4 @@
-"""Surface that is missing or has the wrong force, and how hard a wall holds."""
+"""Tests for missing surface, for different forces, and for how much force a wall holds."""
 
 import numpy as np
 
@@ -13,15 +13,15 @@ from pandis.pipeline.geometry.shares import (
     shares,
 )
 
-#: A wall gives way early if it holds less than HOLDS of what the exact one does at the same point,
-#: and breaks if it holds less than half of that. EARLY and BROKEN limit the area of such walls.
-#: Next to an edge every smooth field gives way early: it rounds the crease between the two walls.
+#: A wall gives way early if it holds less than HOLDS times what the exact one does at the same
+#: point, and breaks if it holds less than BREAKS times that. EARLY and BROKEN limit their areas.
+#: Next to edges every smooth field gives way early: it rounds the crease between the two walls.
 HOLDS, BREAKS = 0.9, 0.5
 EARLY, BROKEN = 0.2, MISSING_LIMIT
 #: Number of depths at which a wall's force is tested, in a geometric sequence. It starts at a
 #: hundredth of the deepest, or at this share of the inscribed radius if that is less.
 _STEPS, _SHALLOWEST, _OF_RADIUS = 96, 0.01, 0.25
-#: Walls are tested deeper by this factor than the exact one needs: a field's may be softer.
+#: Factor on the depth at which the exact wall gives the device's largest force: others are softer.
 _DEEPER = 1.25
 
 
@@ -31,7 +31,7 @@ def absence(answer, contacts):
     Returns
     -------
     dict
-        What `pandis.pipeline.geometry.shares.shares` counts; ``left_out``, the share of the area
+        Figures of `pandis.pipeline.geometry.shares.shares`; ``left_out``, the share of the area
         that is too thin to be judged; ``limit`` of ``missing`` and ``left_out``; ``passed``.
     """
     probes = contacts.pressed
@@ -47,7 +47,7 @@ def otherness(answer, contacts):
     Returns
     -------
     dict
-        What `pandis.pipeline.geometry.shares.differences` measures on the deep contact set;
+        Figures of `pandis.pipeline.geometry.shares.differences` on the deep contact set;
         ``limit``, ``patch_limit``, ``passed``.
     """
     probes = contacts.sets["contact-deep"]
@@ -61,9 +61,9 @@ def otherness(answer, contacts):
 
 
 def holding(answer, places, scale, device):
-    """Return the largest force (n,), newtons, against a push straight in from surface points.
+    """Return the largest force (n,), N, that resists a straight push inward from surface points.
 
-    The push ends where no force pushes back, or beyond the device's largest.
+    The push ends where no force resists it, or beyond the device's largest force.
 
     Parameters
     ----------
@@ -84,12 +84,12 @@ def holding(answer, places, scale, device):
 
 
 def wanted_force(exact, places, scale, device):
-    """Return how hard (n,) walls must hold (N): 0.9 of the exact ones, or the device's limit."""
+    """Return the force (n,), N, that walls must hold: 0.9 of the exact ones', or the device's."""
     return np.minimum(HOLDS * holding(exact, places, scale, device), device.force_limit)
 
 
 def hold(answer, places, force, scale, device):
-    """Count the walls that give way before the exact ones do at the same point.
+    """Measure the area of walls that give way before the exact ones do at the same point.
 
     Parameters
     ----------
@@ -105,7 +105,7 @@ def hold(answer, places, force, scale, device):
     dict
         ``gives_way``: share of the area where walls hold less than ``force``; ``breaks``: where
         they hold less than half and, away from walls, at least 0.05 N less; ``of_exact``: the
-        least share of ``force`` that a wall holds; ``limit``, ``broken_limit``, ``passed``.
+        smallest share of ``force`` that a wall holds; ``limit``, ``broken_limit``, ``passed``.
     """
     forces = holding(answer, places, scale, device)
     share = forces / np.maximum(force, 1e-12)

@@ -1,6 +1,6 @@
-"""Closed loop of device, hand and field: the stiffness up to which it stays quiet.
+"""Tests the closed loop of device, hand and field: up to which stiffness it stays quiet.
 
-A virtual wall answers a position up to a tick old (half a tick on average), which feeds in energy.
+A virtual wall reacts to a position up to a tick old (half a tick on average), which adds energy.
 The damping of device and hand removes it while K < b / (T/2 + n·T), with n the number of ticks by
 which a force is late (Colgate and Schenkel 1997; Abbott and Okamura 2005 with friction and
 encoder). Kinks and seams of the field lower this limit.
@@ -18,33 +18,33 @@ from pandis.base.forces import penalty_force
 from pandis.engine.mass import mass_steps
 from pandis.pipeline.judge.stress.physical import TICK
 
-#: Stiffnesses that are tried, as shares of the one asked for.
+#: Stiffnesses that are tried, as multiples of the requested one.
 LADDER = 2 ** (np.arange(-6, 11) / 2)
-#: Ticks of a run. It is quiet if it shakes less than QUIET (m) in its last third.
+#: Ticks of a run. A run is quiet if it shakes by less than QUIET (m) in its last third.
 TICKS, QUIET = 900, 1e-4
-#: Share of the pressed points that must stay quiet: the shape lets the probe slip off some.
+#: Share of the presses that must stay calm: at some points the shape lets the probe slip off.
 CALM = 0.8
-#: Share of the area on which a press may shake or give way that is calm on the exact field.
+#: Largest share of the area on which presses shake or give way, but are calm on the exact field.
 ALLOWED = 0.1
-#: A wall holds a press if it returns this share of it, on average over the last third of a run.
+#: A wall holds a press if its mean force in a run's last third is this share of the pressing force.
 HOLDS = 0.5
-#: Ticks of the moving mean that shaking is measured from: motion below 30 Hz is sliding.
+#: Ticks of the moving mean from which shaking is measured: motion below 30 Hz is sliding.
 _MEAN = 33
 #: Height above the surface where a run starts, m.
 START = 2e-4
-#: Hard press, as a share of what the wall must hold: a sudden press swings to twice its force.
+#: Hard press, as a share of what the wall must hold: a sudden press overshoots to twice its force.
 _HARD = 0.5
-#: A press of up to this times the friction may not reach the wall within a run.
+#: A press of up to this multiple of the friction may not reach the wall within a run.
 _STUCK = 1.5
-#: Steps of the friction within a tick.
+#: Integration steps within a tick, for the friction.
 _SUBSTEPS = 4
 
 
 class Mass:
     """A device and the hand that holds it, as one mass with Coulomb friction.
 
-    m·x″ = u − (b + b_hand)·x′ − k_hand·x, x from where the hand would rest; friction opposes
-    the motion, and at rest holds any force up to its own. Exact under a constant u.
+    m·x″ = u − (b + b_hand)·x′ − k_hand·x, with x from the hand's rest position. Friction opposes
+    motion, and at rest balances any force up to its own. Steps are exact for constant u.
 
     Parameters
     ----------
@@ -72,11 +72,11 @@ class Press(NamedTuple):
     Attributes
     ----------
     swing : ndarray, shape (n,)
-        How far the probe shakes in the last third, above 30 Hz, peak to peak, m.
+        Peak-to-peak shaking of the probe above 30 Hz in the last third, m.
     energy : ndarray, shape (n,)
-        Energy that the wall took from the device, J; negative if it gave.
+        Energy that the wall took from the device, J; negative if the wall added energy.
     share : ndarray, shape (n,)
-        Mean force of the last third, as a share of the press; infinite where friction holds it.
+        Mean force of the last third, as a share of the press; infinite if friction may hold it.
     """
 
     swing: np.ndarray
@@ -105,18 +105,18 @@ def simulate(
     Parameters
     ----------
     answer : callable
-        Answers (distance, normal) at points (n, 3), unit frame.
+        Returns (distance, normal) at points (n, 3), unit frame.
     points, normals : ndarray, shape (n, 3), unit frame
-        The hand presses against the normal there.
+        Surface points, and the outward normals against which the hand presses.
     stiffness : ndarray, shape (n,)
-        N/m.
+        Stiffness at each point, N/m.
     scale : pandis.base.physical.Scale
     device : pandis.pipeline.judge.stress.physical.Device
     press : ndarray, shape (n,)
         Force with which the hand presses, N.
     ticks : int
     start : float or ndarray, shape (n, 1)
-        Height above the points where it starts from rest, m.
+        Height above the points at which the device starts from rest, m.
 
     Returns
     -------
@@ -143,15 +143,15 @@ def simulate(
             path.append(position)
             answered += np.einsum("ij,ij->i", force, normals)
     carried = answered / np.maximum(press * len(path), 1e-12)
-    # a press that friction holds may not reach the wall
+    # friction may stop such a press before the wall
     carried[press <= _STUCK * device.friction] = np.inf
     return Press(shaking(np.array(path)), energy, carried)
 
 
 def shaking(path, period=TICK):
-    """Return how far a path (t, ..., 3) shakes above 30 Hz, peak to peak: slower is sliding.
+    """Return the peak-to-peak shaking of a path (t, ..., 3) above 30 Hz: slower is sliding.
 
-    ``period`` is that of the path's ticks, s.
+    ``period`` is the period of the path's ticks, s.
     """
     mean = round(_MEAN * TICK / period)
     fast = path - uniform_filter1d(path, mean, axis=0)
@@ -159,10 +159,10 @@ def shaking(path, period=TICK):
 
 
 def stable_stiffness(answer, places, force, scale, device):
-    """Return the largest stiffness of the ladder up to which presses on CALM of the area are calm.
+    """Return the largest stiffness of the ladder up to which the share CALM of the area is calm.
 
-    The press is the hand's, or half of what walls must hold at that stiffness if that is less
-    (``force``: at the one asked for). An absent wall is quiet, but holds nothing.
+    The pressing force is the hand's, or half of what walls must hold at that stiffness if this is
+    less. ``force`` is for the requested stiffness. A missing wall is quiet, but holds nothing.
     """
     count, ladder = len(places.feet), LADDER * scale.stiffness
     holds = _HARD * np.outer(LADDER, force).ravel()
@@ -182,12 +182,12 @@ def stable_stiffness(answer, places, force, scale, device):
 
 
 def presses(answer, places, force, scale, device):
-    """Press with half of what walls must hold, once at most as hard as the hand does.
+    """Press with half of what walls must hold: once capped at the hand's force, once uncapped.
 
     Returns
     -------
     ndarray, shape (2, n), bool
-        Whether each press stays calm, at the stiffness asked for.
+        Whether each press stays calm at the requested stiffness.
     """
     press = np.concatenate([np.minimum(device.press, _HARD * force), _HARD * force])
     stiffness = np.full(len(press), scale.stiffness)
@@ -203,17 +203,17 @@ def presses(answer, places, force, scale, device):
 
 
 def closed_loop(answer, places, force, calm, rests, scale, device):
-    """Find where a device and a hand shake on a field or go through, and up to which stiffness.
+    """Measure where a device in a hand shakes or goes through, and the largest stable stiffness.
 
     Parameters
     ----------
     answer : callable
     places : pandis.pipeline.geometry.places.Stratified
     force : ndarray, shape (n,)
-        How hard walls must hold, N: see `pandis.pipeline.judge.stress.contact.wanted_force`.
+        Force that walls must hold, N: see `pandis.pipeline.judge.stress.contact.wanted_force`.
     calm : ndarray, shape (2, n), bool
-        From `presses`, of the exact field: where the shape itself lets a probe slip off or
-        through, no field is to blame.
+        Result of `presses` on the exact field: where the shape itself lets a probe slip off or
+        through, no field fails.
     rests : float
         The exact field's largest stable stiffness.
     scale : pandis.base.physical.Scale
@@ -223,8 +223,8 @@ def closed_loop(answer, places, force, calm, rests, scale, device):
     -------
     dict
         ``restless``: share of the area on which a press that is calm on the exact field is not,
-        the worse of a light and a hard press; ``stable_n_m``; ``least_n_m``: the stiffness asked
-        for, or what the exact field reaches; ``limit``; ``passed``.
+        the worse of a light and a hard press; ``stable_n_m``; ``least_n_m``: the requested
+        stiffness, or ``rests`` if that is less; ``limit``; ``passed``.
     """
     pressed = presses(answer, places, force, scale, device)
     restless = float(((calm & ~pressed) * places.weight).sum(axis=1).max())

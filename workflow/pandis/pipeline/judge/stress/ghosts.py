@@ -1,4 +1,4 @@
-"""Contacts where there are none: forces in free space."""
+"""Tests for ghosts: forces in free space, where there is no contact."""
 
 import numpy as np
 
@@ -6,31 +6,31 @@ from pandis.base.forces import penalty_force
 from pandis.pipeline.geometry.sampling import PROBE_DEPTHS
 from pandis.pipeline.geometry.shares import JUDGED
 
-#: Share of the free space next to the surface in which a ghost may push with 0.05 N or more.
+#: Largest share of the free space next to the surface in which a ghost pushes with 0.05 N or more.
 GHOSTS = 0.005
-#: Above the height that equals the depth at which a wall pushes with this (N), none is allowed.
+#: No ghost is allowed at a height that equals the depth at which a wall pushes with this (N).
 CLEAR = 0.2
-#: Cells, along each axis, of the lattice that free space is searched with: fine enough that any
-#: ball of a fortieth of the box's side contains the centre of one.
+#: Cells along each axis of the lattice on which free space is searched: fine enough that any ball
+#: with a radius of a fortieth of the box's side contains the centre of a cell.
 _CELLS = 36
-#: How often a cell is halved if the field may say inside somewhere in it.
+#: Number of times that a cell is halved if the field's distance may be negative somewhere in it.
 _HALVINGS = 3
-#: Most cells that are queried at once: those with the deepest centres by the field.
+#: Largest number of cells queried at once: those with the field's smallest distances are kept.
 _MOST = 100_000
 
 
 def ghosts(answer, engine, surface, count, scale, rng):
-    """Look for contacts where there are none, and for missing ones anywhere inside.
+    """Measure forces in free space, and missing forces anywhere inside.
 
     Parameters
     ----------
     answer : callable
-        Answers (distance, normal) at points (n, 3), unit frame.
+        Returns (distance, normal) at points (n, 3), unit frame.
     engine : object
         The exact distance of a `pandis.pipeline.geometry.body.Body`.
     surface : pandis.pipeline.geometry.sampling.Surface
     count : int
-        Points next to the surface; the rest of the box is searched by `haunted`.
+        Number of points next to the surface; `haunted` searches the rest of the box.
     scale : pandis.base.physical.Scale
     rng : numpy.random.Generator
 
@@ -38,11 +38,11 @@ def ghosts(answer, engine, surface, count, scale, rng):
     -------
     dict
         ``ghosts``: the share of the free space up to 0.04 above the surface with a force of 0.05 N
-        or more; ``far_n``: the largest force (N) where the exact wall, were the point as deep as it
-        is high, would push with 0.2 N or more; ``largest_n``: the largest anywhere; ``limit``;
-        ``passed``: few near ghosts, and none far. Told, and not judged: ``hollow``, the share of
-        points anywhere inside with no force; ``core``, the mean error of the force deeper than 0.04
-        as a share of the mean force there (None where no part is so thick).
+        or more; ``far_n``: the largest force (N) at heights that equal depths at which the exact
+        wall pushes with 0.2 N or more; ``largest_n``: the largest in free space; ``limit``;
+        ``passed``: few ghosts near the surface, and none far from it. Reported, but not judged:
+        ``hollow``, the share of points inside with no force; ``core``, the mean error of the force
+        deeper than 0.04 as a share of the mean force there (None if nothing is so thick).
     """
     feet, outward, _, _ = surface.draw(count, rng)
     near = feet + rng.uniform(0, PROBE_DEPTHS["deep"], count)[:, None] * outward
@@ -79,20 +79,20 @@ def far_ghosts(answer, engine, scale):
 
 
 def _far(force, height, scale):
-    # NaN is the largest: no verdict passes it
+    # max() propagates NaN, which passes no verdict
     return float(force[height * scale.newtons >= CLEAR].max(initial=0))
 
 
 def haunted(answer, engine):
-    """Search the box for free points that a field takes for inside.
+    """Search the box for free points at which a field's distance is negative.
 
-    The search goes through the cells of a lattice, and halves those where the field's distance at
-    the centre leaves room for an inside that the exact distance excludes.
+    The search queries the cells of a lattice, and halves those where the field's distance at the
+    centre allows inside points that the exact distance excludes.
 
     Returns
     -------
     points : ndarray, shape (n, 3), unit frame
-        All centres that were asked.
+        All cell centres that were queried.
     answers : tuple of ndarray
         The field's distances (n,) and normals (n, 3) there.
     """
@@ -108,7 +108,7 @@ def haunted(answer, engine):
             break
         reach = np.sqrt(3) * half
         exact = engine.distance_and_normal(cells, check=False)[0]
-        # NaN may be anything
+        # the comparison is negated so that NaN counts as open
         open_ = np.flatnonzero((exact > 0) & ~(distance >= np.minimum(reach, exact / 2)))
         open_ = open_[np.argsort(distance[open_], kind="stable")[: _MOST // 8]]
         cells = (cells[open_][:, None] + half * corners).reshape(-1, 3)

@@ -1,45 +1,45 @@
-"""Changes of the force over a short way, which a device turns into clicks."""
+"""Tests for jumps: changes of the force over short moves, which a device renders as clicks."""
 
 import numpy as np
 
 from pandis.base.forces import penalty_force
 from pandis.pipeline.judge.stress.probes import excess
 
-#: Lengths (m): a tenth of a millimetre, and what a tick at 0.1, 0.5 and 1 m/s covers.
+#: Lengths of moves (m): 0.1 mm, which a tick at 0.1 m/s covers, and ticks at 0.5 and 1 m/s.
 WAYS = {"mm01": 1e-4, "tick05": 5e-4, "tick1": 1e-3}
 _COUNTED = "mm01"
 #: A force that changes by more than this times k · way jumps, unless the exact one does so nearby.
 STEEP = 2.0
-#: Share of the ways that may jump.
+#: Largest share of the moves over which the force may jump.
 ALLOWED = 0.005
-#: Largest change, in k · way, beyond that of the exact force, on all but this share of the ways: a
-#: seam is long, but thin.
+#: Largest change, in k · way, beyond that of the exact force, on all but the share RARE of the
+#: moves: a seam is long, but thin.
 WORST, RARE = 5.0, 1e-4
-#: Radius, in ways, within which the exact force counts: a smooth field spreads jumps at edges.
+#: Length, in multiples of a move, on which the exact force counts: smooth fields spread jumps.
 NEARBY = 10
 
 
 def jumps(answer, exact, shell, along, scale, device):
-    """Measure the changes of the force.
+    """Measure the changes of the force over short moves.
 
     Parameters
     ----------
     answer, exact : callable
     shell : pandis.pipeline.judge.stress.probes.Shell
-        Where ways begin.
+        Points at which moves begin.
     along : ndarray, shape (n, 3)
-        Unit vectors along the ways. All are tried over 0.1 mm, a tenth over the other lengths.
+        Unit vectors along the moves. All are tested over 0.1 mm, a tenth over other lengths.
     scale : pandis.base.physical.Scale
     device : pandis.pipeline.judge.stress.physical.Device
 
     Returns
     -------
     dict
-        In newtons, over an encoder step (``encoder``), 0.1 mm (``mm01``: what a tick at 0.1 m/s
-        covers), and a tick at 0.5 and 1 m/s: ``…_p999``, ``…_max`` and ``…_rms``; ``jumps``, the
-        share of ways of 0.1 mm with one where the exact force has none; ``worst_n``, the
-        change beyond that of the exact force on the worst way in ten thousand; ``limit``;
-        ``passed``; and ``exact_…``: changes of the exact force over 0.1 mm.
+        ``…_p999``, ``…_max`` and ``…_rms``: changes in newtons over an encoder step (``encoder``),
+        0.1 mm (``mm01``), and a tick at 0.5 and 1 m/s; ``jumps``: the share of moves of 0.1 mm over
+        which the force jumps and the exact one does not; ``worst_n``: the change beyond that of the
+        exact force on the worst move in ten thousand; ``limit``; ``passed``; ``exact_…``: changes
+        of the exact force over 0.1 mm.
     """
     figures = {}
     for name, way in {"encoder": device.encoder, **WAYS}.items():
@@ -59,7 +59,7 @@ def jumps(answer, exact, shell, along, scale, device):
 
 
 def _change_figures(name, change):
-    """Return the figures of changes of a force, newtons."""
+    """Return percentile, maximum and root mean square of force changes (n,), newtons."""
     levels = {
         "p999": np.percentile(change, 99.9),
         "max": change.max(),
@@ -69,7 +69,7 @@ def _change_figures(name, change):
 
 
 def _nearby(exact, points, along, way, exactly):
-    """Return how much the exact force changes nearby (n,), beyond what a flat wall does."""
+    """Return the change (n,) of the exact force nearby, beyond that of a flat wall."""
     middle = points + way / 2 * along
     whole = _changes(exact, middle - NEARBY * way / 2 * along, along, NEARBY * way)
     return np.maximum(whole - (NEARBY - 1) * way, exactly)

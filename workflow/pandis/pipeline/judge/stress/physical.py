@@ -1,4 +1,4 @@
-"""What stands in the device's workspace: a device, and the hand that holds it."""
+"""Parameters of a haptic device and of the hand that holds it."""
 
 from typing import NamedTuple
 
@@ -12,19 +12,19 @@ class Device(NamedTuple):
     Attributes
     ----------
     mass : float
-        kg, at the tip.
+        Mass at the tip, kg.
     damping : float
-        Viscous, Ns/m.
+        Viscous damping, Ns/m.
     friction : float
-        Coulomb, N.
+        Coulomb friction, N.
     encoder : float
-        Step of the position it reports, m.
+        Step of the reported position, m.
     delay : int
-        Ticks by which a force is late.
+        Delay of a force, ticks.
     force_limit : float
-        N.
+        Largest force, N.
     hand_stiffness, hand_damping : float
-        N/m and Ns/m.
+        Stiffness, N/m, and damping, Ns/m, of the hand.
     press : float
         Force with which the hand presses, N.
     """

@@ -1,4 +1,4 @@
-"""Points at which the questions are asked: none is deeper than a probe can press there."""
+"""Points at which fields are tested; none is deeper than a probe can be pressed there."""
 
 from typing import NamedTuple
 
@@ -14,7 +14,7 @@ class Shell(NamedTuple):
     ----------
     points : ndarray, shape (n, 3), unit frame
     weight : ndarray, shape (n,)
-        Share of the area that each stands for; they sum to 1.
+        Share of the area that each point represents; the sum is 1.
     """
 
     points: np.ndarray
@@ -29,7 +29,7 @@ def shell_points(places, count, deepest, rng):
     places : pandis.pipeline.geometry.places.Stratified
     count : int
     deepest : float
-        Unit frame; less where the part is thin: see
+        Largest depth, unit frame; smaller where the part is thin: see
         `pandis.pipeline.geometry.places.Stratified.depth`.
     rng : numpy.random.Generator
     """
@@ -54,9 +54,9 @@ def excess(value: Values, reference: Values, floor, weight: Values, more=1.1):
         Values of a field and of the exact one, at the same points.
     floor : float
     weight : ndarray, shape (n,)
-        Share of the area that each point stands for.
+        Share of the area that each point represents.
     more : float
-        Factor on the exact field's value that a field may reach.
+        Multiple of the exact field's value that a field may reach.
     """
-    # NaN is above everything
+    # the comparison is negated so that NaN counts as above
     return float(weight[~(value <= np.maximum(floor, more * reference))].sum())

@@ -1,4 +1,4 @@
-"""Tests of a field through a proxy: does it hold, rest, keep energy and keep out of walls."""
+"""Tests fields through a proxy: whether it holds, rests, adds no energy and stays out of walls."""
 
 from typing import NamedTuple
 
@@ -13,26 +13,26 @@ from pandis.pipeline.judge.stress.work import SPEED
 from pandis.runtime.contact import TOUCHING, Material, NativeContact
 from pandis.runtime.scene import Placed
 
-#: Friction of the pressed surfaces, and the share of its cone by which presses go aside.
+#: Friction coefficient of pressed surfaces, and share of the friction cone that presses go aside.
 STICKS, SHARE = 0.6, 0.5
 #: Depth of a press (m), however thin the wall, and height of its start (unit frame). Ticks of a
-#: press: down, aside, and at rest, of which it may still move in the first SETTLES.
+#: press: down, aside, and at rest; the proxy may still move in the first SETTLES ticks at rest.
 DEPTH, ABOVE = 1e-3, 0.03
 DOWN, ASIDE, REST, SETTLES = 60, 20, 100, 50
 #: Least share of the exact field's force that a place must hold. A proxy at rest moves by less
 #: than RESTS (m).
 HOLDS, RESTS = 0.5, 1e-5
-#: One step of a loop in EVERY is taken; LEAD ticks lead up to the first.
+#: One in EVERY steps of a loop is used; LEAD ticks lead up to the first.
 EVERY, LEAD = 8, 60
-#: On the long way one tick in LOOKED is compared with the mesh. A proxy may lie deeper than the
-#: field's surface by MARGIN (m).
+#: On the long path one tick in LOOKED is compared with the mesh. A proxy may be deeper than the
+#: field's surface error by MARGIN (m).
 LOOKED, MARGIN = 10, 5e-5
-#: Ticks from above a place into its wall, or out of it to the next place; depth and height.
+#: Ticks from above a place into its wall, or from there to the next place; depth and height.
 _STAGE, _INTO, _OUT = 20, 0.05, 0.15
 
 
 class Steps(NamedTuple):
-    """What a proxy does as the probe follows a path, tick by tick.
+    """Force and proxy at each tick, as the probe follows a path.
 
     Attributes
     ----------
@@ -40,7 +40,7 @@ class Steps(NamedTuple):
     proxy : ndarray, shape (n, 3), unit frame
     state : ndarray, shape (n,)
     slide : float
-        How much farther than the probe the proxy may move in a tick (unit frame).
+        Distance that the proxy may move in a tick beyond the probe's own (unit frame).
     """
 
     force: np.ndarray
@@ -50,7 +50,7 @@ class Steps(NamedTuple):
 
 
 class Felt(NamedTuple):
-    """Follows paths of the unit frame through a proxy.
+    """Follows paths in the unit frame with a proxy.
 
     Attributes
     ----------
@@ -63,7 +63,7 @@ class Felt(NamedTuple):
 
     @classmethod
     def of(cls, field, scale):
-        """Return that of an `ExportedField`; None if it has no proxy."""
+        """Return the `Felt` of an `ExportedField`; None if the field has no proxy."""
         file = getattr(field, "file", None)
         if file is None:
             return None
@@ -75,7 +75,7 @@ class Felt(NamedTuple):
         return cls(placed, scale)
 
     def __call__(self, path, material=None):
-        """Follow a path (n, 3), smooth or with a `Material`; returns `Steps`."""
+        """Follow a path (n, 3), without friction or with a `Material`; return `Steps`."""
         contact = NativeContact(self.placed, material=material or Material())
         touches = contact.follow(path / self.scale.metre, TICK)
         proxies = touches.proxy * self.scale.metre
@@ -94,9 +94,9 @@ class Presses(NamedTuple):
     Attributes
     ----------
     push : ndarray, shape (n,)
-        Force along the outward normal at the end of the press: N, at most k·depth.
+        Force along the outward normal at the deepest point, N; at most k·depth.
     creeps : ndarray, shape (n,)
-        The proxy still moves after half of the rest.
+        Whether the proxy still moves after half of the rest.
     """
 
     push: np.ndarray
@@ -132,18 +132,17 @@ def press_all(follow, places, scale):
 
 
 def holds(follow, places, exact, scale):
-    """Measure how many places hold a hand less, through a proxy, than the exact field does.
+    """Measure the area that holds a hand less, through a proxy, than the exact field does.
 
-    Thin walls are tested too: what a proxy holds does not depend on a wall's thickness. The strips
-    beside convex edges, in which nothing is judged, are left out: there a proxy slides off whatever
-    rounds the edge.
+    Thin walls are tested too: what a proxy holds does not depend on a wall's thickness. Strips
+    along convex edges are not judged: if a field rounds the edge, a proxy slides off.
 
     Parameters
     ----------
     follow, places, scale
         As for `press_all`.
     exact : Presses
-        Those of the exact field, at the same places.
+        Presses on the exact field, at the same places.
 
     Returns
     -------
@@ -153,7 +152,7 @@ def holds(follow, places, exact, scale):
         that of the exact field does not; ``worst``: the larger of the two; ``limit``, ``passed``.
     """
     pressed = press_all(follow, places, scale)
-    soft = ~(pressed.push >= HOLDS * exact.push)  # NaN is no force either
+    soft = ~(pressed.push >= HOLDS * exact.push)  # NaN counts as soft
     creeps = pressed.creeps & ~exact.creeps
     shares = {name: float(places.weight[which].sum())
               for name, which in (("soft", soft), ("creeps", creeps))}  # fmt: skip
@@ -162,7 +161,7 @@ def holds(follow, places, exact, scale):
 
 
 def keeps(follow, engine, paths, device):
-    """Lead a hand twice around closed loops on a smooth surface; judge the second round.
+    """Lead a hand twice around closed loops, without friction, and judge the second round.
 
     Parameters
     ----------
@@ -178,7 +177,7 @@ def keeps(follow, engine, paths, device):
     -------
     dict
         ``push_n``: the most work that the hand gains on any loop, per length of the loop, newtons;
-        ``limit``: what the device's damping takes at `pandis.pipeline.judge.stress.work.SPEED`;
+        ``limit``: the device's damping force at `pandis.pipeline.judge.stress.work.SPEED`, N;
         ``passed``.
     """
     gained = []
@@ -196,7 +195,7 @@ def keeps(follow, engine, paths, device):
 
 
 def stays(follow, engine, error, path, scale):
-    """Follow a long smooth path into walls and out of them.
+    """Follow a long smooth path into walls and out of them, and judge forces and proxies.
 
     Parameters
     ----------
@@ -213,10 +212,10 @@ def stays(follow, engine, error, path, scale):
     Returns
     -------
     dict
-        ``ticks``; ``bad``: forces that are no number, or change by more than k times twice the
-        probe's way and the proxy's own; ``deepest_mm``: how deep a proxy lay in the mesh;
-        ``limit``: mm, the field's error plus `MARGIN`; ``touching``: share of the ticks;
-        ``passed``: some of them touch, and nothing is wrong.
+        ``ticks``; ``bad``: number of proxies that are not finite, and of forces that change by more
+        than k times (twice the probe's move plus the slide); ``deepest_mm``: largest depth of a
+        proxy in the mesh; ``limit``: mm, the field's error plus `MARGIN`; ``touching``: share of
+        ticks with contact; ``passed``: there is contact, nothing is bad, and the limit is kept.
     """
     steps = follow(path)
     moved = np.linalg.norm(np.diff(path, axis=0), axis=1)
@@ -255,9 +254,9 @@ def wander(places, rng):
 
 
 def surface_error(field, contacts):
-    """Return the largest distance (unit frame) that a field gives on the surface.
+    """Return a field's largest absolute distance (unit frame) on the surface.
 
-    Points below which the force is missing are left out, so that a hole excuses nothing.
+    Points below which the force is missing are left out, so that a hole does not raise the limit.
 
     Parameters
     ----------

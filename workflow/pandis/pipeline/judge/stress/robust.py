@@ -1,4 +1,4 @@
-"""What must do no harm: long runs, other units, lost digits, special points, NaN."""
+"""Tests robustness: long runs, other units, rounded positions, special points, NaN."""
 
 import itertools
 
@@ -9,19 +9,19 @@ from pandis.base.frame import UNIT_SIDE
 from pandis.pipeline.judge.stress.probes import excess
 from pandis.pipeline.kinds.field import OK
 
-#: Points of a long run that are queried at once. The first are queried again at its end.
+#: Number of points of a long run that are queried at once. The first are queried again at its end.
 CHUNK = 50_000
-#: How far the probe moves in a tick of a long run (unit frame): 1 m/s on an object of 0.1 m.
+#: Distance that the probe moves per tick of a long run (unit frame): 1 m/s on an object of 0.1 m.
 PACE = 0.018
-#: Factors on the mesh's units, and offsets in lengths of its longest side.
+#: Factors on the mesh's units, and offsets in multiples of its longest side.
 SCALES, OFFSETS = (1e-6, 1e-3, 1e3, 1e6), (1e3, 1e6)
-#: Distances may differ by SAME between units and places (unit frame), and so may forces on all but
-#: the share ELSEWHERE of the area, where two walls are nearly equally near.
+#: Distances may change by SAME (unit frame) with units or position, and so may forces on all but
+#: the share ELSEWHERE of the area, where two walls are almost equally near.
 SAME, ELSEWHERE = 1e-7, 0.005
 #: Coordinates that are not finite, or outside of any workspace.
 _NOWHERE = (np.nan, np.inf, -np.inf, 1e300, -1e300)
-#: Rounding a point to float32 may change the force by this times k · way, on all but the share
-#: ELSEWHERE.
+#: Rounding points to float32 may change the force by up to this times k times the largest rounding,
+#: on all but the share ELSEWHERE of the area.
 STEEP = 5.0
 
 
@@ -42,8 +42,8 @@ def endurance(answer, count, rng, report):
     Returns
     -------
     dict
-        ``ticks``; ``bad``: answers that are no number, or normals not of unit length;
-        ``drift``: answers at the same points that differ at the end; ``passed``.
+        ``ticks``; ``bad``: number of answers that are not finite or have a normal not of unit
+        length; ``drift``: number of repeated points whose answers differ; ``passed``.
     """
     bad, first, done = 0, None, 0
     for points in walk(count, rng):
@@ -61,13 +61,13 @@ def endurance(answer, count, rng, report):
 
 
 def _bad(distance, normal):
-    """Count answers that are no number, and normals that are not of unit length."""
+    """Count answers with a distance that is not finite or a normal that is not of unit length."""
     off = np.abs(np.linalg.norm(normal, axis=1) - 1)
     return int((~np.isfinite(distance) | ~(off < 1e-5)).sum())
 
 
 def invariance(field, shell):
-    """Ask a field in other units and far from the origin.
+    """Query a field in other units and far from the origin.
 
     Parameters
     ----------
@@ -98,7 +98,7 @@ def invariance(field, shell):
 
 
 def precision(answer, exact, shell, scale):
-    """Round points to float32, as a host program may hold them.
+    """Measure how the force changes if points are rounded to float32, as host programs may do.
 
     Returns
     -------
@@ -114,7 +114,7 @@ def precision(answer, exact, shell, scale):
         for a in (answer, exact)
     )
     flat = STEEP * np.linalg.norm(points - rounded, axis=1).max()
-    # a computation in float32 rounds at the size of its own values
+    # allow for fields that compute in float32: they round relative to their values
     changed = excess(change, reference, max(flat, 2**-18), shell.weight)
     return {
         "changed": changed,
@@ -125,10 +125,10 @@ def precision(answer, exact, shell, scale):
 
 
 def special_points(vertices, faces, places, thickness):
-    """Return points (n, 3) at which a field may stumble.
+    """Return points (n, 3), unit frame, at which a field may fail.
 
-    Vertices, edges and faces of the mesh, the medial axis (between the walls below surface
-    points), corners, edges and faces of the box, the origin.
+    These are vertices and middles of edges and faces of the mesh, points of the medial axis, below
+    surface points, and the corners, edges, faces and centre of the box.
     """
     corners = vertices[faces[:: max(1, len(faces) // 1000)]]
     edges = (corners + np.roll(corners, -1, axis=1)).reshape(-1, 3) / 2
@@ -143,9 +143,9 @@ def special(field, points):
     Returns
     -------
     dict
-        ``bad``: how many answers are NaN or have a normal that is not of unit length;
-        ``unflagged``: how many points that are not finite, or are very far away, go unflagged or
-        get a force; ``passed``.
+        ``bad``: number of answers that are not finite or have a normal not of unit length;
+        ``unflagged``: number of points, not finite or very far away, that are not flagged or get
+        a force; ``passed``.
     """
     bad = _bad(*field.answer(points))
     lost = [[v if k == axis else 0.1 for k in range(3)] for axis in range(3) for v in _NOWHERE]

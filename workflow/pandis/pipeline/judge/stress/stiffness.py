@@ -1,4 +1,4 @@
-"""How steep the force is: the largest singular value of dF/dx, against the wall's own stiffness."""
+"""Tests how steep the force is: the largest singular value of dF/dx, compared with k."""
 
 import numpy as np
 
@@ -6,11 +6,11 @@ from pandis.base.arrays import Matrices, Points
 from pandis.base.forces import penalty_force
 from pandis.pipeline.judge.stress.probes import excess
 
-#: A wall more than this many times as stiff as asked for is felt as an edge.
+#: A wall that is stiffer than this multiple of the requested stiffness feels like an edge.
 STEEP = 2.0
-#: Share of the area on which walls may be so stiff, where the exact one is not.
+#: Largest share of the area on which walls may be this stiff although the exact one is not.
 ALLOWED = 0.01
-#: In one step a smooth field may change as much as the exact force within this many.
+#: A smooth field may change in one step as much as the exact force does within this many steps.
 NEARBY = 20
 
 
@@ -27,7 +27,7 @@ def stiffness(answer, exact, shell, scale, device):
     Parameters
     ----------
     answer, exact : callable
-        Answer (distance, normal) at points (n, 3), unit frame.
+        Return (distance, normal) at points (n, 3), unit frame.
     shell : pandis.pipeline.judge.stress.probes.Shell
     scale : pandis.base.physical.Scale
     device : pandis.pipeline.judge.stress.physical.Device
@@ -36,8 +36,8 @@ def stiffness(answer, exact, shell, scale, device):
     -------
     dict
         ``p50_n_m``, ``p99_n_m``, ``max_n_m``: largest singular value of dF/dx; ``steep``: share
-        of the area where it is above STEEP times k, and above what the exact force changes by
-        nearby, if all of it came in one step; ``asymmetry``: mean ‖J − Jᵀ‖ / ‖J‖, zero if the
+        of the area where it is above STEEP times k, and above that of the exact force if all of
+        its change nearby came in one step; ``asymmetry``: mean ‖J − Jᵀ‖ / ‖J‖, zero if the
         force is a gradient; ``limit``, ``passed``.
     """
     step = device.encoder * scale.metre

@@ -1,4 +1,4 @@
-"""Asks all questions of all fields of a mesh, and says what the answers mean."""
+"""The stress suite: asks all questions about all fields of a mesh, and words the failures."""
 
 import time
 from functools import cached_property
@@ -42,14 +42,14 @@ from pandis.pipeline.run.records.stress import StressRecord
 
 
 class Question(NamedTuple):
-    """A question about a field, its most telling figure, and the words for a failure."""
+    """A question about a field, its main figure, and the template of a failure's message."""
 
     text: str
     figure: str
     failing: str
 
     def says(self, answer):
-        """Say how a field failed, from an answer of `Suite.ask`."""
+        """Return a clause on how a field failed, from an answer of `Suite.ask`."""
         if answer.get("left_out", 0) >= 1:
             return "all of the surface is too thin to be judged"
         return self.failing.format(**answer)
@@ -63,7 +63,7 @@ QUESTIONS = {
         "thin to be judged ({limit:.2%} allowed of each)",
     ),
     "other": Question(
-        "Does the surface push with another force?",
+        "Does the surface push with a different force?",
         "strongly_felt",
         "on {strongly_felt:.2%} of the surface the force feels strongly different "
         "({limit:.2%} allowed), on {patch:.2%} in one patch ({patch_limit:.2%} allowed)",
@@ -107,7 +107,7 @@ QUESTIONS = {
         "(at least {least_n_m:.0f} N/m required)",
     ),
     "invariance": Question(
-        "Do units and place matter?",
+        "Do units and position matter?",
         "distance",
         "when units or position change, distances change by {distance:.1e}, and the force "
         "changes on {changed:.2%} of the surface",
@@ -119,7 +119,7 @@ QUESTIONS = {
         "{newtons:.2g} N",
     ),
     "special": Question(
-        "Are vertices, edges, the medial axis and NaN answered?",
+        "Are vertices, edges, the medial axis and NaN handled?",
         "bad",
         "{bad:,} special points have no valid answer, and {unflagged:,} invalid points are not "
         "flagged or get a force",
@@ -146,28 +146,28 @@ PROXY_QUESTIONS = {
         "through a proxy a circling hand gains {push_n:.2g} N ({limit:.2g} allowed)",
     ),
     "stays": Question(
-        "Does the proxy stay outside on a long way, and the force within its bounds?",
+        "Does the proxy stay outside on a long path, and the force within its bounds?",
         "deepest_mm",
-        "on a long way the proxy lies {deepest_mm:.2g} mm deep ({limit:.2g} allowed), touches "
+        "on a long path the proxy is {deepest_mm:.2g} mm deep ({limit:.2g} allowed), touches "
         "in {touching:.0%} of the ticks, and {bad:,} of {ticks:,} forces are not numbers, or "
         "change by more than allowed",
     ),
 }
-#: Points of the contact set; stratified surface points; points below them, and ways that begin
-#: there; points beside the surface; surface points whose walls are pushed into, thin ones among
-#: them, and pressed on.
+#: Numbers of points: contact set, stratified surface points, points below them, starts of moves
+#: likewise, points beside the surface, surface points that are pushed into (including thin
+#: walls), and surface points that are pressed on.
 CONTACTS, PLACES, SHELL, WAYS = 20_000, 2000, 4000, 40_000
 BESIDE, PUSHED, PRESSED = 20_000, 400, 80
-#: Nodes, leaves and faces that a query of the exact field may look at here: more than there are.
+#: Limit on nodes, leaves and faces that a query of the exact field visits here: never reached.
 _UNCUT = 1 << 30
 
 
 class Suite:
-    """The places at which all fields of a mesh are asked.
+    """The points at which all fields of a mesh are tested.
 
     They are stratified by the inscribed radius, so that thin parts count. None is deeper than the
-    device's largest force presses, or than nine tenths of that radius: a penalty force turns over
-    beyond.
+    device's largest force presses, or than nine tenths of that radius: beyond that radius a
+    penalty force pushes to another face.
 
     Parameters
     ----------
@@ -207,17 +207,17 @@ class Suite:
 
     @cached_property
     def exact_hold(self):
-        """What the exact field holds through a proxy, at the points pushed into."""
+        """`Presses` of the exact field through a proxy, at the points pushed into."""
         exact = ExactField("exact", self.body)
         follow = Felt.of(ExportedField("exact", ExactFile(exact, 32, _UNCUT).data({})), self.scale)
         return press_all(follow, self.pushed, self.scale)
 
     def exact(self, points):
-        """Answer exactly, as in a loop: signs are not checked by the winding number."""
+        """Return exact distance and normal as a loop does: the winding number checks no signs."""
         return self.engine.distance_and_normal(points, check=False)
 
     def ask(self, field, progress, first=False, only=tuple(QUESTIONS)):
-        """Ask one field all questions.
+        """Ask all questions about one field.
 
         Parameters
         ----------
@@ -244,13 +244,13 @@ class Suite:
         return answers
 
     def pace(self, field):
-        """Return about how long a field takes for a few hundred points, s."""
+        """Return a rough time (s) that a field takes for a few hundred points."""
         start = time.perf_counter()
         field.answer(self.shell.points[:256])
         return time.perf_counter() - start
 
     def touch(self, field):
-        """Ask one field everything through a proxy; return as `ask`, or {} without a proxy."""
+        """Ask all questions about a field's proxy; return as `ask`, or {} without a proxy."""
         follow = Felt.of(field, self.scale)
         return self.feel(follow, surface_error(field, self.contacts)) if follow else {}
 
@@ -265,7 +265,7 @@ class Suite:
         }
 
     def _questions(self, field, progress):
-        """Return a function for each question, in the order of `QUESTIONS`: quick ones first."""
+        """Return a function per question, in the order of `QUESTIONS`: quick questions first."""
         rng = streams.generator(self.seed, streams.QUESTIONS)
         walk = streams.generator(self.seed, streams.TICKS)
         answer, exact, scale, device = field.answer, self.exact, self.scale, self.device
@@ -297,28 +297,28 @@ class Suite:
 
 
 def stress(fields, controls, suite, count, progress, proxies=True):
-    """Ask all fields of a mesh.
+    """Ask all questions about all fields of a mesh.
 
     Parameters
     ----------
     fields : list of pandis.pipeline.kinds.field.Field
     controls : list of pandis.pipeline.kinds.field.Field
-        From `pandis.pipeline.judge.controls.controls`: asked until they fail a question, as each
-        must.
+        From `pandis.pipeline.judge.controls.controls`: each must fail a question, after which no
+        more are asked.
     suite : Suite
     count : int
-        Processes that share the questions to all fields; the longest tasks go first.
+        Number of processes that share the questions; the longest tasks start first.
     progress : callable
         Makes a `pandis.pipeline.run.job.stage.Progress`.
     proxies : bool
-        Whether fields with a proxy are asked through it, too.
+        Whether fields with a proxy are also tested through it.
 
     Returns
     -------
     arrays, attributes : dict
         As stored in ``stress.zarr.zip``: by field the figures of every question and the list of
-        those it failed, and the same through a proxy; fields that need a path are named under
-        ``skipped``; the points pushed into, and what the exact walls hold there.
+        failed ones, and the same through a proxy; fields that require a path are named under
+        ``skipped``; the points pushed into, and the force (N) that exact walls hold there.
 
     Raises
     ------
@@ -341,7 +341,7 @@ def stress(fields, controls, suite, count, progress, proxies=True):
         proxies=felt,
         proxies_failed={name: failures(answer) for name, answer in felt.items()},
         controls=tried,
-        skipped={field.name: "its answers depend on the way" for field in fields if field.ordered},
+        skipped={field.name: "its answers depend on the path" for field in fields if field.ordered},
         device=suite.device._asdict(),
         size=suite.scale.size,
         stiffness=suite.scale.stiffness,
@@ -350,7 +350,7 @@ def stress(fields, controls, suite, count, progress, proxies=True):
 
 
 def _shared_out(fields, suite, count, progress, proxies):
-    """Return all fields' answers by name, and those through a proxy, from several processes."""
+    """Ask in several processes; return answers by field, without and through a proxy."""
     slowest = sorted(fields, key=suite.pace, reverse=True)
     parts = [LONG, [question for question in QUESTIONS if question not in LONG]]
     tasks = [(field, part) for part in (*parts, *([PROXY_QUESTIONS] if proxies else []))

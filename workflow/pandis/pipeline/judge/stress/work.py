@@ -1,16 +1,16 @@
-"""Work around closed loops: a force that gives energy away drives a device on its own.
+"""Measures work around closed loops: a force that adds energy can drive a device by itself.
 
-A penalty force -k·φ·∇φ is the gradient of -k·φ²/2 and does no work. Where direction and distance do
-not match, or jump from cell to cell, a circling hand gains or loses energy.
+A penalty force -k·φ·∇φ is the gradient of -k·φ²/2 and does no net work. Where direction and
+distance do not match, or jump from cell to cell, a circling hand gains or loses energy.
 """
 
 import numpy as np
 
 from pandis.base.forces import penalty_force
 
-#: Smallest and largest depth and radius of a loop (unit frame), and its steps.
+#: Smallest and largest depth and radius of a loop (unit frame), and its number of steps.
 DEPTHS, RADII, STEPS = (0.018, 0.045), (0.05, 0.2), 4000
-#: Speed (m/s) at which a moved device takes away damping · speed newtons.
+#: Speed of the hand (m/s): the device's damping resists with damping · speed newtons.
 SPEED = 0.1
 _ROUNDS = 3
 
@@ -19,7 +19,7 @@ def loops(places, engine, rng):
     """Return closed loops below the surface, one around each place.
 
     They are circles on tangent planes, moved below the surface along the exact normal. The depth
-    goes up and down one to three times in a loop, and is less where the part is thin.
+    oscillates one to three times per loop, and is smaller where the part is thin.
 
     Parameters
     ----------
@@ -61,15 +61,15 @@ def loop_work(answer, paths):
 def work(answer, exact, paths, scale, device):
     """Measure the work around loops.
 
-    The exact force does no work, but a sum over steps has some where it jumps: that much is
-    forgiven on the same loop.
+    The exact force does no work, but its sum over steps is not zero where it jumps: this amount is
+    allowed in addition on the same loop.
 
     Returns
     -------
     dict
-        ``work``: root mean square of the work as a share of k·d²/2, d the loops' largest mean
-        depth; ``push_n``: work per length of the worst loop, newtons; ``limit``: what the
-        device's damping takes at `SPEED`, plus what is forgiven there; ``passed``: every loop.
+        ``work``: root mean square of the work as a share of k·d²/2, where d is the mean depth of
+        loops in thick parts; ``push_n``: work per length of the worst loop, newtons; ``limit``: the
+        damping force at `SPEED` plus the allowance of that loop; ``passed``: on every loop.
     """
     (energy, length), (rest, _) = (loop_work(a, paths) for a in (answer, exact))
     push, forgiven = (np.abs(w / length) * scale.newtons for w in (energy, rest))

@@ -1,1 +1,1 @@
-"""How long queries take."""
+"""Query times of fields."""

@@ -19,7 +19,7 @@ from pandis.pipeline.run.job.machine import describe
 from pandis.pipeline.run.job.stage import silent_progress
 from pandis.runtime.field import NativeField
 
-#: Queries of each field.
+#: Number of timed queries per field.
 QUERIES = 2000
 
 
@@ -33,7 +33,7 @@ class Torus(NamedTuple):
     band : tuple of float
         See `pandis.pipeline.kinds.band.Band`.
     cuts : tuple
-        Cuts of its tessellations.
+        Numbers of cuts of its tessellations.
     progress : callable
     """
 
@@ -55,7 +55,7 @@ def calibrate(progress):
     Returns
     -------
     str
-        The text of a CSV file for `pandis.pipeline.run.plan.query_times.QueryTimes`.
+        Text of a CSV file for `pandis.pipeline.run.plan.query_times.QueryTimes`.
     """
     vertices, faces = SHAPES["torus"].tessellation()
     frame = Frame.of_bounds(vertices.min(axis=0), vertices.max(axis=0))

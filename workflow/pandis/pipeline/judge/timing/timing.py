@@ -14,12 +14,12 @@ from pandis.pipeline.run.job.machine import describe
 from pandis.pipeline.run.records.timing import TimingRecord
 from pandis.runtime.field import CACHES, NativeField
 
-#: The exact field without a tree, as the paper's ground truth: a query visits every face.
-#: Number of its single queries; it has no batches.
+#: Name of the exact field without a tree, the paper's ground truth: a query visits every face.
+#: Its counts of single queries, points per batch, and batches.
 BRUTE, BRUTE_COUNTS = "exact-all-faces", (200, 0, 0)
 _IN_C = "C, called from Python"
-#: Places anywhere in the box that are queried in C, and tries at each. The least time at a place
-#: counts, so that the worst is due to the field, not to the system.
+#: Number of random points in the box that are queried in C, and tries at each. The shortest time at
+#: a point counts, so that the maximum is due to the field, not to the system.
 ANYWHERE, TRIES = 2000, 3
 
 
@@ -29,7 +29,7 @@ def time_fields(fields, exports, natives, body, points, options, progress):
     Parameters
     ----------
     fields : list of pandis.pipeline.kinds.field.Field
-        Fields that are timed as called from Python.
+        Fields that are timed when called from Python.
     exports : list of Path
         ``{field}.onnx``: run by ONNX Runtime on one thread, as a user's program would.
     natives : list of Path
@@ -43,8 +43,8 @@ def time_fields(fields, exports, natives, body, points, options, progress):
     Returns
     -------
     arrays, attributes : dict
-        As stored in ``timing.zarr.zip``: seconds of every single query, of those with empty
-        caches, and of every batch (per point), by field; and of `BRUTE`.
+        As stored in ``timing.zarr.zip``, by field and for `BRUTE`: seconds of every single query,
+        of every query with empty caches, and of every batch (per point).
     """
     points = body.frame.to_mesh(points)
     counts = (options.queries, options.batch, options.repeats)
@@ -73,7 +73,7 @@ def time_fields(fields, exports, natives, body, points, options, progress):
 
 
 def time_native(field, points, options):
-    """Time an exported field in C: along a path, anywhere, and with empty caches.
+    """Time an exported field in C: along a path, at random points, and with empty caches.
 
     Parameters
     ----------
@@ -85,11 +85,11 @@ def time_native(field, points, options):
     Returns
     -------
     arrays : dict of str to ndarray
-        Seconds of every query: ``native`` one after the other along the path, ``anywhere`` at
-        places of the box (the least of several tries at each), ``native_cold`` along the path,
-        with empty caches.
+        Seconds of every query: ``native`` in order along the path, ``anywhere`` at random points
+        of the box (the shortest of several tries at each), ``native_cold`` along the path with
+        empty caches.
     figures : dict
-        Median and largest of each of the three, in microseconds.
+        Median and maximum of each of the three, and percentiles of ``native``, in microseconds.
     """
     field.time(points, 100)
     arrays = {"native": field.time(points, options.queries)}
@@ -112,9 +112,9 @@ def time_program(path, mesh, points, options, figures, log):
     Parameters
     ----------
     path : Path
-        ``{field}.pt2``, its ``.onnx`` beside it.
+        ``{field}.pt2``, with its ``.onnx`` beside it.
     mesh, points, options
-        As for `time_fields`.
+        The mesh's artifact; the others as for `time_fields`.
     figures : dict
         The figures of all fields: percentiles ``libtorch_…_us`` are added to the field's.
     log : callable
@@ -127,7 +127,7 @@ def time_program(path, mesh, points, options, figures, log):
     Raises
     ------
     PandisError
-        The program does not build, or does not answer as the ONNX model does.
+        The program does not build, or its forces differ from the ONNX model's.
     """
     frame, name = Frame.of(mesh), path.stem
     points = frame.to_mesh(points)
@@ -143,21 +143,21 @@ def time_program(path, mesh, points, options, figures, log):
     times = _percentiles("libtorch", seconds)
     figures[name] |= times
     median = times["libtorch_p50_us"]
-    log(f"{name}: {median:.1f} µs per query in LibTorch; force as ONNX, {off:.1e}")
+    log(f"{name}: {median:.1f} µs per query in LibTorch; force differs from ONNX by {off:.1e}")
     return {f"libtorch_{name}": seconds}
 
 
 def time_queries(answer, points, queries, batch, repeats):
-    """Time a field.
+    """Time single queries and batches of a field.
 
     Parameters
     ----------
     answer : callable
-        Answers (distance, normal) at points (n, 3).
+        Returns (distance, normal) at points (n, 3).
     points : ndarray, shape (m, 3)
-        Queries are taken from these in order, over and over.
+        Queries cycle through these points in order.
     queries, batch, repeats : int
-        Single queries; points of a batch; batches.
+        Number of single queries, of points per batch, and of batches.
 
     Returns
     -------
@@ -198,7 +198,7 @@ def time_cold(answer, points, queries):
     Returns
     -------
     ndarray, shape (queries,)
-        Seconds.
+        Seconds of each query.
     """
     clock, other, single = time.perf_counter, np.zeros(CACHES, np.uint8), np.empty(queries)
     for index in range(queries):
@@ -217,6 +217,6 @@ def summarise(single, batched):
 
 
 def _percentiles(way, seconds):
-    """Return percentiles of single queries, in µs; their names begin with ``way``."""
+    """Return percentiles of single queries, in µs, with names that begin with ``way``."""
     times = np.percentile(seconds, [50, 99, 99.9]) * 1e6
     return dict(zip((f"{way}_{p}_us" for p in ("p50", "p99", "p999")), times.tolist(), strict=True))

@@ -1,4 +1,4 @@
-"""Packs a mesh on a lattice of given bits."""
+"""Packs a mesh on a lattice with a given number of bits."""
 
 from pandis.pipeline.geometry.body import Body
 from pandis.pipeline.kinds.compact.packing import build_compact
@@ -10,7 +10,7 @@ def build(job):
     Raises
     ------
     PandisError
-        Sides are wrong on so coarse a lattice.
+        Some points are on the wrong side of the surface on so coarse a lattice.
     """
     body, task = Body.open(job.read("mesh", "mesh")), job.options
     arrays, record = build_compact(body, task.bits, task.seed, job.log)

@@ -10,7 +10,7 @@ from pandis.pipeline.kinds.compact.spec import KIND
 from pandis.pipeline.kinds.sizing import Outcome
 from pandis.pipeline.run.job.artifact import Artifact
 
-#: Bits per coordinate in the table of times.
+#: Bits per coordinate of the meshes in the table of query times.
 _BITS = 16
 
 
@@ -47,7 +47,7 @@ def choose(chooser):
 
 
 def timed(torus):
-    """See `pandis.pipeline.kinds`: tessellations."""
+    """Yield tessellations of the torus: see `pandis.pipeline.kinds`."""
     for cuts in torus.cuts:
         vertices, faces = SHAPES["torus"].tessellation(*cuts)
         frame = Frame.of_bounds(vertices.min(axis=0), vertices.max(axis=0))

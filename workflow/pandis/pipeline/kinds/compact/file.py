@@ -35,13 +35,13 @@ class File(FieldFile):
         return check_nearest(exported, self.field.engine, self.field.record.rounding)
 
     def clearance(self, exported, body):
-        """See `FieldFile.clearance`: nothing needs measuring."""
+        """See `FieldFile.clearance`. The record has the bounds, so nothing is measured."""
         record = self.field.record
         return np.array([*record.low, *record.high, record.rounding, record.rounding, 0.0])
 
 
 def file_parts(arrays, record):
-    """Return integers, real numbers and sections of a compact mesh's ``.pandis`` file."""
+    """Return the integers, real numbers and sections of a compact mesh's ``.pandis`` file."""
     wholes = [
         record.bits,
         len(arrays["branches"]) // BRANCH_BYTES,

@@ -14,7 +14,7 @@ from pandis.engine.bvh import Bvh
 
 #: Half the width of the lattice (unit frame): the longest side of a mesh spans it.
 HALF = UNIT_SIDE / 2
-#: Rounds of edge flips at most: each removes faces without an area, but may leave others.
+#: Maximum rounds of edge flips. Each round removes faces of zero area, but may leave others.
 _ROUNDS = 50
 
 
@@ -24,9 +24,9 @@ class Snapped(NamedTuple):
     Attributes
     ----------
     vertices : ndarray, shape (V, 3), int32
-        In steps.
+        Coordinates in lattice steps.
     faces : ndarray, shape (F, 3), int32
-        Closed: every directed edge occurs as often as its reverse. None has two equal corners.
+        Closed: every directed edge occurs as often as its reverse. No face has two equal corners.
     deviation : float
         No point of either surface is farther from the other than this (unit frame).
     turned : int
@@ -66,7 +66,7 @@ def snap(corners, faces, bits):
     Raises
     ------
     PandisError
-        Nothing is left: the mesh is thinner than the lattice's steps everywhere.
+        No face is left: the mesh is thinner than a lattice step everywhere.
     """
     steps = np.rint((corners + HALF) / step_of(bits)).astype(np.int64)
     steps = np.clip(steps, 0, (1 << bits) - 1)
@@ -118,7 +118,7 @@ def _mend(vertices, faces):
     count = len(vertices)
     edges = np.concatenate([faces[:, [k, (k + 1) % 3]] for k in range(3)]) if len(faces) else faces
     known = edges[:, :2] @ (count, 1)
-    # a face with two equal corners leaves a line: from those to the other corner
+    # a face with two equal corners is a line from these to its third corner
     ends = lines.min(axis=1), lines.max(axis=1)
     on_edge = np.isin(ends[0] * count + ends[1], known) | np.isin(ends[1] * count + ends[0], known)
     on_edge |= (ends[0] == ends[1]) & np.isin(ends[0], faces)
@@ -126,7 +126,7 @@ def _mend(vertices, faces):
 
 
 def _cleaned(faces, sheets, lines):
-    """Return the faces without those of equal corners (lines) and those back to back (sheets)."""
+    """Return the faces without those of equal corners (to lines) and opposite pairs (to sheets)."""
     equal = (faces == np.roll(faces, 1, axis=1)).any(axis=1)
     lines.append(faces[equal])
     faces = faces[~equal]
@@ -136,7 +136,7 @@ def _cleaned(faces, sheets, lines):
 
 
 def _without_pairs(faces):
-    """Tell which faces remain after those that lie back to back cancel."""
+    """Return a mask of the faces that remain after pairs of opposite faces cancel."""
     order = np.argsort(faces, axis=1)
     even = (np.diff(order, axis=1) % 3 == 1).all(axis=1)
     _, which = np.unique(np.sort(faces, axis=1), axis=0, return_inverse=True)
@@ -153,9 +153,9 @@ def _without_pairs(faces):
 
 
 def _turn_edges(vertices, faces, flat):
-    """Flip, in place, the longest edge of each flat face; tell whether any was flipped."""
+    """Flip, in place, the longest edge of each flat face; return whether any was flipped."""
     across = {}
-    # only faces with two corners of a flat one can lie across its edges
+    # only a face that shares two corners with a flat face can be its neighbour
     beside = np.isin(faces, faces[flat]).sum(axis=1) >= 2
     for index in np.flatnonzero(beside).tolist():
         face = faces[index].tolist()
@@ -181,7 +181,7 @@ def _turn_edges(vertices, faces, flat):
 
 
 def _farthest(vertices, lost, faces):
-    """Return how far the points of lost sheets can lie from the remaining faces (steps).
+    """Return a bound on the distance of lost sheets from the remaining faces (steps).
 
     No point of a triangle is farther from its nearest corner than its longest side / √3.
     """

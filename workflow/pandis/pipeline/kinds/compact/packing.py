@@ -1,4 +1,4 @@
-"""Builds the compact mesh of a body, and says how far it can be trusted."""
+"""Builds the compact mesh of a body, and computes bounds on its errors."""
 
 import numpy as np
 
@@ -17,11 +17,11 @@ from pandis.pipeline.kinds.compact.sides import find_sides
 from pandis.pipeline.kinds.compact.unpacking import unpack
 from pandis.pipeline.kinds.limits import least_limit, near_surface
 
-#: Most blocks and groups of eight faces that a query visits: about a tenth of a tick's time. The
-#: limit is raised where half of it would cut a query next to the surface.
-#: tests/benchmarks/compact.py counts the queries of scans that are cut.
+#: Maximum number of blocks and groups of eight faces that a query visits, in about a tenth of a
+#: tick. The limit is raised if half of it would cut a query next to the surface.
+#: tests/benchmarks/compact.py counts the cut queries on scans.
 MOST = 704
-#: Points at which sides are compared with the body's: half in the box, half near the surface.
+#: Points at which sides are compared with the body's: half are in the box, half near the surface.
 SIDES = 1_000_000
 
 
@@ -64,17 +64,17 @@ def pack_body(body, bits, surface=None):
     bits : int
     surface : tuple of ndarray, optional
         Vertices (V, 3) in the unit frame and faces (F, 3) of a closed surface near the body's. The
-        record's deviation leaves out the distance between the two: see `bound_deviation`.
+        record's deviation excludes the distance between the two surfaces: see `bound_deviation`.
 
     Returns
     -------
     arrays, record
-        As of `build_compact`.
+        As returned by `build_compact`.
 
     Raises
     ------
     PandisError
-        Nothing is left on a lattice of so few bits.
+        No face is left on a lattice of so few bits.
     """
     vertices, faces = surface or (body.corners, body.faces)
     snapped = snap(vertices, faces, bits)
@@ -98,7 +98,7 @@ def pack_body(body, bits, surface=None):
 
 
 def bound_deviation(body, arrays, record):
-    """Return the record of a compact mesh with the deviation from a body's own mesh."""
+    """Return the record of a compact mesh with its deviation from the body's own mesh."""
     if record.faces == record.faces_before:
         return record
     vertices, faces = unpack(arrays)
@@ -133,7 +133,7 @@ def size_of(arrays):
 
 
 def describe(arrays, record):
-    """Return a summary of a compact mesh, in words."""
+    """Return a summary of a compact mesh as text."""
     return (
         f"{record.bits} bits: {record.faces:,} of {record.faces_before:,} faces in "
         f"{size_of(arrays):,} bytes; unsigned distances are within "
@@ -142,21 +142,21 @@ def describe(arrays, record):
 
 
 def find_originals(body, arrays, record):
-    """Return which face of a body's mesh each face of a compact mesh stands for.
+    """Return the face of a body's mesh that corresponds to each face of a compact mesh.
 
-    That is the one nearest to a point just outside its middle, so that no face of a thin wall is
-    given one from the other side.
+    It is the face nearest to a point just outside the compact face's centroid. On a thin wall this
+    avoids the faces of the other side.
 
     Parameters
     ----------
     body : pandis.pipeline.geometry.body.Body
     arrays, record
-        As of `build_compact`.
+        As returned by `build_compact`.
 
     Returns
     -------
     ndarray, shape (blocks, 64), int32
-        By block and place; -1 where a block has fewer faces.
+        Face indices by block and place in the block; -1 where a block has fewer faces.
     """
     vertices, faces = unpack(arrays)
     corners = to_unit(vertices, record.bits)[faces]
@@ -171,14 +171,14 @@ def find_originals(body, arrays, record):
 
 
 def _rounding(packed, snapped, bits):
-    """Return by how much a distance can be too large, because a wrong face was taken (unit frame).
+    """Return a bound on the excess of a distance when a wrong face is chosen (unit frame).
 
     The bound holds in the box [-1, 1]³.
 
     Faces are compared in single precision, relative to their block. A point is off by half a unit
     in the last place of its coordinates, the closest point on an edge by a little more. Inside a
-    triangle the error grows as the sine of its corner falls, up to half its height: then its edges
-    stand in.
+    triangle the error grows as the sine of its corner angle falls, up to half its height: its edges
+    prevent larger errors.
     """
     unit = 2.0**-24
     counts = packed.blocks.view(np.uint32).reshape(-1, 4)[:, 1]
@@ -195,20 +195,20 @@ def _rounding(packed, snapped, bits):
 
 
 def compare_sides(body, arrays, record, seed):
-    """Compare sides with those of the body at many points.
+    """Compare the sides that a compact mesh gives with the body's at many points.
 
     Parameters
     ----------
     body : pandis.pipeline.geometry.body.Body
     arrays, record
-        As of `build_compact`.
+        As returned by `build_compact`.
     seed : int
         Seed of the points.
 
     Raises
     ------
     PandisError
-        The side of a point farther from the surface than the deviation differs.
+        A side differs at a point that is farther from the surface than the deviation.
     """
     rng = np.random.default_rng(seed)
     half = SIDES // 2
@@ -226,7 +226,7 @@ def compare_sides(body, arrays, record, seed):
     if wrong.any():
         raise PandisError(
             f"on a lattice of {record.bits} bits {wrong.sum():,} of {SIDES:,} points are on the "
-            f"wrong side of the surface, one of them {apart[wrong].max():.2g} of the unit "
-            f"frame away from it ({record.turned:,} faces are turned over): take more bits, "
-            "or, above 16, take fewer: single precision cannot tell such sheets apart"
+            f"wrong side of the surface, the farthest {apart[wrong].max():.2g} of the unit "
+            f"frame away from it ({record.turned:,} faces are turned over): use more bits; "
+            "above 16, use fewer, because single precision cannot separate such sheets"
         )

@@ -4,10 +4,10 @@ from pandis.pipeline.run.records.record import Record
 
 
 class CompactRecord(Record):
-    """A compact mesh: bits per coordinate; numbers of its faces, of the mesh's faces and of its
-    vertices; the largest distance between the two surfaces, and by how much rounding can make a
-    distance too large; number of faces whose orientation is reversed; most groups of faces and
-    blocks that a query visits; its largest coordinate, and its box (unit frame).
+    """A compact mesh: bits per coordinate; numbers of its faces, of the original mesh's faces and
+    of its vertices; largest distance between the two surfaces, and largest excess of a distance
+    due to rounding; number of faces with reversed orientation; maximum number of face groups and
+    blocks that a query visits; largest magnitude of a coordinate, and box (unit frame).
     """
 
     bits: int

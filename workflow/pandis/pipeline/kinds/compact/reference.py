@@ -11,9 +11,9 @@ from pandis.pipeline.kinds.field import Field
 
 
 class CompactField(Field):
-    """A mesh on a lattice, answered through a tree over its faces in double precision.
+    """A mesh on a lattice, queried through a tree over its faces in double precision.
 
-    ``pandis.h`` answers it from its packed bytes; this is what the file is compared with.
+    ``pandis.h`` queries the packed bytes; its file is compared with this field.
 
     Parameters
     ----------
@@ -32,9 +32,9 @@ class CompactField(Field):
         super().__init__(name, Frame.of(artifact), size)
 
     def answer(self, points):
-        """Answer distance (n,) and normal (n, 3) at points (n, 3), all in the unit frame.
+        """Return distance (n,) and normal (n, 3) at points (n, 3), all in the unit frame.
 
-        Sides come from the winding number, as in the packed mesh: pseudonormals cannot tell them
+        Sides come from the winding number, as in the packed mesh: pseudonormals are ambiguous
         where sheets coincide on the lattice, or pieces vanish.
         """
         distance, normal = self.engine.distance_and_normal(points, check=False)
@@ -44,5 +44,5 @@ class CompactField(Field):
 
 
 def open_field(spec, artifact):
-    """Return the field of a `FieldSpec`, from the artifact that holds it."""
+    """Return the field of a `FieldSpec` from its artifact."""
     return CompactField(spec.name, artifact)

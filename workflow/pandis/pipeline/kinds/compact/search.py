@@ -1,4 +1,4 @@
-"""Searches compact meshes for which the user gives bytes or an error, not bits and faces."""
+"""Finds the bits and faces of a compact mesh that meets a limit on bytes or on the error."""
 
 from functools import cached_property
 from itertools import chain
@@ -22,13 +22,13 @@ from pandis.pipeline.mesh.tools import ToolError, call
 from pandis.pipeline.mesh.topology import EdgeTable
 from pandis.pipeline.run.job.artifact import Artifact
 
-#: Bits at which rounding costs far less than leaving out faces.
+#: Bits at which rounding causes far less error than removing faces.
 ENOUGH_BITS = 14
-#: Bits tried first with fewer faces; then two more at a time, as long as that helps.
+#: Bits tried first with fewer faces. Two are added at a time as long as the error falls.
 _FEWEST_BITS = 12
-#: Budgets in bytes, from small to large, tried when an error is asked for.
+#: Budgets in bytes, from small to large, that are tried if the limit is an error.
 _BYTES = tuple(12_500 * 2**k for k in range(16))
-#: Most simplifications to meet the bytes that are asked for.
+#: Maximum number of simplifications to fit a mesh into a budget in bytes.
 _ROUNDS = 6
 #: Limits of one simplification.
 _LIMITS = {"seconds": 900.0, "memory_gb": 8.0}
@@ -52,14 +52,14 @@ class Packer:
         self._whole = {}
 
     def within(self, budget):
-        """Return the `Candidate` of least error that fits into the bytes; None if none does.
+        """Return the `Candidate` of least error that fits into a budget in bytes, or None.
 
         A budget of None is unlimited.
 
-        If all faces fit with ENOUGH_BITS, that is the one with the most bits whose sides are
-        right: very fine lattices keep sheets apart that single precision cannot tell apart.
-        Otherwise it competes with meshes of fewer faces, which quadrics leave out where the
-        surface is flat.
+        If all faces fit with ENOUGH_BITS, the candidate has all faces, and the most bits at which
+        sides are right: very fine lattices separate sheets that single precision does not.
+        Otherwise meshes with fewer faces are tried, too. Quadric simplification removes faces
+        where the surface is flat.
         """
         budget = inf if budget is None else budget
         most = self._most_bits(budget)
@@ -76,7 +76,7 @@ class Packer:
         return promise(candidate.force, self.points.choosing)[0]["mean"]
 
     def _climb(self, budget):
-        """Return errors and candidates of fewer faces, with more bits as long as they help."""
+        """Return errors and candidates with fewer faces; bits grow as long as the error falls."""
         tried = []
         for bits in range(_FEWEST_BITS, BITS[1] + 1, 2):
             candidate = self._fewer_faces(bits, budget)
@@ -109,7 +109,7 @@ class Packer:
         return Candidate(CompactField(f"{KIND.name}-auto", artifact), arrays, attributes)
 
     def _packed(self, bits):
-        """Return arrays and record of all faces on a lattice of these bits; None if that fails."""
+        """Return the arrays and record of the whole mesh at these bits; None if packing fails."""
         if bits not in self._whole:
             try:
                 self._whole[bits] = pack_body(self.body, bits)
@@ -118,7 +118,7 @@ class Packer:
         return self._whole[bits]
 
     def _most_bits(self, budget):
-        """Return the candidate of all faces with the most bits that fit; None if none do."""
+        """Return the candidate with all faces and the most bits that fit; None if none do."""
         low, high = BITS[0] - 1, BITS[1]
         while low < high:  # more bits take more bytes
             bits = (low + high + 1) // 2
@@ -131,7 +131,7 @@ class Packer:
         return self._candidate(*packed) if packed else None
 
     def _fewer_faces(self, bits, budget):
-        """Return a candidate of as many faces as fit at these bits; None if there is none."""
+        """Return a candidate with as many faces as fit at these bits; None if there is none."""
         packed, surface = self._packed(bits), (self.body.corners, self.body.faces)
         for rounds in range(_ROUNDS + 1):
             if packed is None:
@@ -146,7 +146,7 @@ class Packer:
             try:
                 surface = call("simplify", *surface, count=count, **_LIMITS)
                 if not EdgeTable(surface[1]).balanced:
-                    self.log(f"simplified to {len(surface[1]):,} faces it is no longer closed")
+                    self.log(f"simplified to {len(surface[1]):,} faces, the mesh is not closed")
                     return None
                 packed = pack_body(self.body, bits, surface)
             except (ToolError, PandisError) as error:
@@ -174,12 +174,12 @@ class CompactSizing:
         return self.points.limits(self.target)
 
     def find(self):
-        """Return arrays and attributes of the compact mesh; ``sizing`` says what was tried.
+        """Return arrays and attributes of the compact mesh; ``sizing`` lists the tried sizes.
 
         Raises
         ------
         PandisError
-            Nothing fits into the bytes, or meets the error.
+            No compact mesh fits into the bytes, or meets the error.
         """
         tried = []
         budgets = _BYTES if self.target.bytes is None else [self.target.bytes]
@@ -197,7 +197,7 @@ class CompactSizing:
                 }
             record = candidate.field.record
             if record.bits == BITS[1] and record.faces == len(self.body.faces):
-                break  # nothing is nearer than all faces with all bits
+                break  # no compact mesh is more accurate
         raise PandisError(self._refusal(tried))
 
     def _refusal(self, tried):
@@ -209,7 +209,7 @@ class CompactSizing:
         size, best = min(tried, key=lambda one: one[1].excess)
         return (
             f"{what}: no compact mesh meets {self.points.describe_limits(self._limits)}; the "
-            f"nearest, {size:,} bytes, {best.why}: ask for less"
+            f"nearest, {size:,} bytes, {best.why}: relax the limits"
         )
 
 

@@ -1,11 +1,11 @@
-"""Decides what tells the side of a point on a mesh whose vertices are on a lattice.
+"""Decides how the side of a point is found on a mesh whose vertices are on a lattice.
 
-Usually the normal of the nearest face does. At corners and edges whose faces are far from coplanar
-it does not. All points closest to such a place are on one side, and a point beside it tells which.
-Rounding can also fold a surface over itself, by less than a step. A face that looks the wrong way
-then lies on top, and would give the wrong side to every point nearest to it. So every face is
-checked from both sides, and so are edges folded like a knife's. Around wrong ones a ray counts
-crossings.
+Usually the normal of the nearest face gives the side. It does not at corners and edges whose faces
+are far from coplanar: all points closest to such a place are on one side, which is found at a point
+beside it. Rounding can also fold a surface over itself, by less than a step. A face that points the
+wrong way is then on top, and would give the wrong side to every point nearest to it. So every face
+is checked from both sides, and so are sharply folded edges. Around faces that are wrong, the side
+is found by counting the crossings of a ray.
 """
 
 import numpy as np
@@ -13,20 +13,20 @@ import numpy as np
 from pandis.engine.bvh import Bvh
 from pandis.engine.packing import BY_FACE, BY_RAY, INSIDE, OUTSIDE, Sides, find_rays
 
-#: Height above a face of the point from which it is checked (steps): lower than any fold.
+#: Height above a face, in steps, of the point from which it is checked: lower than any fold.
 _BESIDE = 1e-3
-#: Cosine between normals below which a face is folded back onto its neighbour, and the height of
-#: the lower one that is still checked (steps): rounding does not fold higher ones.
+#: Cosine between normals below which a face is folded back onto its neighbour. Only folds with a
+#: face lower than _LOW steps are checked: rounding does not fold higher ones.
 _FOLD, _LOW = -0.7, 4.0
-#: Cosine between the normals around a corner and their mean, above which faces tell the side: as
+#: Cosine between the normals around a corner and their mean, above which faces give the side, as
 #: in packing/sides.h.
 _SMOOTH = 0.82
-#: Rings of faces around one that looks the wrong way that may cross each other.
+#: Rings of faces around a face that points the wrong way, within which faces may cross each other.
 _RINGS = 2
 
 
 def find_sides(vertices, faces):
-    """Return what tells the sides of a closed mesh on a lattice.
+    """Return how sides are found at the corners, edges and faces of a closed mesh on a lattice.
 
     Parameters
     ----------
@@ -58,7 +58,7 @@ def find_sides(vertices, faces):
 
 
 def _folded(faces, normal, low):
-    """Tell which faces are folded onto a neighbour, if one of the two is low."""
+    """Return a mask of the faces that are folded onto a neighbour, where one of the two is low."""
     start, end = faces.ravel(), np.roll(faces, -1, axis=1).ravel()
     edge = np.minimum(start, end).astype(np.int64) << 32 | np.maximum(start, end)
     order = np.argsort(edge, kind="stable")
@@ -72,11 +72,11 @@ def _folded(faces, normal, low):
 
 
 def _with_edges(corners, edges, faces, normal):
-    """Return the sides of corners, which may be taken for closest points on edges.
+    """Return the sides of corners, made consistent with those of their edges.
 
-    In single precision, points far away are as near to a corner as to its edges. So corners to
-    which no point is nearest take the side of their edges. Where these disagree, or say nothing
-    about faces that look in many directions, a ray counts.
+    In single precision, a distant point can be as near to a corner as to its edges. So corners to
+    which no point is nearest take the side of their edges. A ray is used where the edges disagree,
+    or where they have no side and the faces point in many directions.
     """
     touched = np.zeros((len(corners), 4), bool)
     for ends in (faces, np.roll(faces, -1, axis=1)):
@@ -89,7 +89,7 @@ def _with_edges(corners, edges, faces, normal):
 
 
 def _smooth(faces, normal, count):
-    """Tell around which corners all faces look nearly in their mean direction."""
+    """Return a mask of the corners whose faces all point nearly in their mean direction."""
     owners = faces.ravel()
     around = np.repeat(normal, 3, axis=0)
     mean = np.column_stack([np.bincount(owners, around[:, k], count) for k in range(3)])
@@ -100,7 +100,7 @@ def _smooth(faces, normal, count):
 
 
 def _agreed(owners, inside, count):
-    """Return the side (count,) of owners with points on one side; BY_RAY if on both."""
+    """Return each owner's side (count,): BY_RAY if its points disagree, BY_FACE without points."""
     within = np.bincount(owners, inside, count) > 0
     without = np.bincount(owners, ~inside, count) > 0
     return np.select(

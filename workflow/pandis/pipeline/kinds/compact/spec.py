@@ -5,7 +5,7 @@ from typing import ClassVar
 
 from pandis.pipeline.run.ask.kind import AUTO, BuildTask, FieldSpec, Kind, check_size
 
-#: Fewest and most bits per coordinate.
+#: Minimum and maximum bits per coordinate.
 BITS = 10, 20
 
 

@@ -1,4 +1,4 @@
-"""Reads a packed mesh back, as docs/format.md describes it: what ``pandis.h`` is compared with."""
+"""Unpacks a packed mesh as docs/format.md describes it: the reference for ``pandis.h``."""
 
 import numpy as np
 

@@ -10,7 +10,7 @@ from pandis.pipeline.run.records.choice import Chosen
 
 
 def choose(chooser):
-    """See `pandis.pipeline.kinds`: no error, but perhaps too large or too slow."""
+    """See `pandis.pipeline.kinds`. The exact field has no error, but may be too large or slow."""
     body, budget = chooser.body, chooser.budget
     size, count = body.bytes, body.size
     if not chooser.fitting(KIND.name, {count: size}):
@@ -31,7 +31,7 @@ def choose(chooser):
 
 
 def timed(torus):
-    """See `pandis.pipeline.kinds`: the closed form, and tessellations."""
+    """Yield the closed form and tessellations of the torus: see `pandis.pipeline.kinds`."""
     for cuts in (None, *torus.cuts):
         vertices, faces = SHAPES["torus"].tessellation(*(cuts or ()))
         frame = Frame.of_bounds(vertices.min(axis=0), vertices.max(axis=0))

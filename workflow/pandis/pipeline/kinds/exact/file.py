@@ -1,4 +1,4 @@
-"""The file of an exact field: its tree and its mesh, or the numbers of its closed form."""
+"""The file of an exact field: its tree and its mesh, or the parameters of its closed form."""
 
 import numpy as np
 
@@ -9,11 +9,11 @@ from pandis.pipeline.kinds.limits import least_limit
 from pandis.pipeline.kinds.native import FieldFile, regions_of
 from pandis.runtime.field import MESH, SHAPE, SHAPES, NativeField
 
-#: Most nodes, leaves and faces that a query visits: about a tenth of a tick's time, and
-#: enough for every query of scans. The limit is raised where half of it would cut a query next to
+#: Maximum number of nodes, leaves and faces that a query visits: about a tenth of a tick's time,
+#: and enough for every query on scans. The limit is raised if half of it would cut a query next to
 #: the surface.
 MOST = 1000
-#: Largest difference of distances from the library's (unit frame).
+#: Largest allowed difference between the file's distances and the library's (unit frame).
 _ROUNDING = 1e-12
 
 
@@ -43,7 +43,7 @@ class File(FieldFile):
         return MESH, [*counts, self._most or self._least()], [engine.reach], sections
 
     def _least(self):
-        """Return how many nodes, leaves and faces a query may visit: see `least_limit`."""
+        """Return the limit on nodes, leaves and faces per query: see `least_limit`."""
         engine, frame = self.field.engine, self.field.frame
 
         def query(points, most):
@@ -59,7 +59,7 @@ class File(FieldFile):
         return regions_of(regions.of_face, regions.names) if regions else {}
 
     def left_out(self, native, points):
-        """Tell which queries are cut: only their bounds are compared."""
+        """Return a mask of the queries that are cut: only their bounds are compared."""
         return native.clear(points) < np.abs(native.query(points).distance)
 
     def differences(self, exported):

@@ -1,4 +1,4 @@
-"""The exact field: the paper's GT, but through a tree instead of brute force."""
+"""The exact field: the paper's ground truth (GT), through a tree instead of by brute force."""
 
 from pandis.pipeline.geometry.body import Body
 from pandis.pipeline.kinds.field import ExactField

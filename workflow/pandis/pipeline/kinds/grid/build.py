@@ -1,11 +1,11 @@
-"""Builds the nodes of a grid of a given size."""
+"""Builds a grid of a given size."""
 
 from pandis.pipeline.geometry.body import Body
 from pandis.pipeline.kinds.grid.dense import DenseGrid
 
 
 def build(job):
-    """Fill one grid, and write ``grid-{content}-{size}.zarr.zip``."""
+    """Compute the nodes of one grid, and write ``grid-{content}-{size}.zarr.zip``."""
     body, task = Body.open(job.read("mesh", "mesh")), job.options
     grid = DenseGrid(body.distance, task.content, task.size, task.band, job.progress)
     attributes = grid.attributes() | body.frame.attributes()

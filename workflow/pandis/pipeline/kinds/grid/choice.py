@@ -3,12 +3,12 @@
 from pandis.pipeline.kinds.grid.search import GridMaker
 from pandis.pipeline.kinds.grid.spec import TRIED
 
-#: Nodes per axis in the table of times.
+#: Nodes per axis of the grids in the table of query times.
 _TIMED = (16, 64, 128)
 
 
 def choose(chooser):
-    """See `pandis.pipeline.kinds`: all readings together, from few bytes to many."""
+    """Try grids of all readings together, from few bytes to many: see `pandis.pipeline.kinds`."""
     makers = [
         GridMaker(form, chooser.points, chooser.body.frame, chooser.options.band, chooser.progress)
         for form in TRIED

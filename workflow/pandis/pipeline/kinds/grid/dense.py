@@ -1,10 +1,10 @@
-"""Grids of nodes: filled where they are needed, completed when read.
+"""Grids of nodes: nodes are computed where they are needed, and the rest is filled when read.
 
 Nodes lie on the cube [-1, 1]³, at ``linspace(-1, 1, n)`` along each axis. If the name of the
 content ends in ``-box``, they lie on the box around the surface, as in the paper: see
 `pandis.pipeline.kinds.axes`.
 
-What a node holds (``content``):
+Contents of a node (``content``):
 
 ``force``
     the penetration vector -min(d, 0)·n, three floats: the force at k = 1, as
@@ -14,8 +14,8 @@ What a node holds (``content``):
 ``distance``
     the distance alone.
 
-Only nodes that a point in the band needs are computed, exactly. The others
-are known to lie inside or outside and are stored as such: ±inf as distance,
+Only nodes that a point in the band needs are computed; they are exact. The
+others are known to be inside or outside and are stored as such: ±inf as distance,
 NaN as a force below the band. Chunks that lie wholly outside are not stored.
 """
 
@@ -29,12 +29,12 @@ from pandis.pipeline.kinds.grid.spec import BOX
 from pandis.pipeline.kinds.record import DenseRecord
 
 CHANNELS = {"force": 3, "normal": 4, "distance": 1}
-#: Values of a chunk that is not stored.
+#: Value of all nodes of a chunk that is not stored.
 FILL = {"force": 0.0, "normal": np.inf, "distance": np.inf}
 #: Steps per unit to which distances are rounded in grids that store nothing else: the resolution of
 #: float32 at 1. Finer digits mean nothing, and would take up a fifth of the file.
 _LEVELS = 2.0**23
-#: Nodes that interpolation needs beyond the corners of a cell.
+#: Number of nodes beyond the corners of a cell that interpolation needs.
 REACH = {"force": 0, "normal": 0, "distance": 1}
 
 
@@ -87,7 +87,7 @@ class DenseGrid:
         return (self.size,) * 3 + ((channels,) if channels > 1 else ())
 
     def column(self, chunk):
-        """Return how the values are declared to `ArtifactWriter`."""
+        """Return the declaration of the values for `ArtifactWriter`."""
         chunks = (min(chunk, self.size),) * 3 + self.shape[3:]
         return {
             "shape": self.shape,
@@ -112,7 +112,7 @@ class DenseGrid:
             yield slab.reshape((stop - start, *self.shape[1:]))
 
     def attributes(self):
-        """Describe the grid, for readers that know nothing of pandis."""
+        """Return attributes that describe the grid to readers without pandis."""
         outside = "0" if self.content == "force" else "inf"
         inside = "NaN" if self.content == "force" else "-inf"
         return DenseRecord(
@@ -125,7 +125,7 @@ class DenseGrid:
 
 
 def _inside_nodes(signs):
-    """Return which nodes touch a cell that lies wholly inside."""
+    """Return a mask of the nodes that touch a cell wholly inside."""
     size = len(signs) + 1
     inside = np.zeros((size,) * 3, bool)
     for shift in np.ndindex(2, 2, 2):
@@ -137,8 +137,8 @@ def _inside_nodes(signs):
 def complete(values, content, axes):
     """Fill the nodes beyond the band from the nearest exact node.
 
-    The way from that node is added to its distance. This is right to within a cell's
-    diagonal, since the shortest way to the surface leads through the band.
+    The distance between the two nodes is added to the exact distance. The sum is right to within
+    a cell's diagonal, since the shortest path to the surface passes through the band.
 
     Parameters
     ----------
@@ -150,7 +150,7 @@ def complete(values, content, axes):
     Returns
     -------
     values : ndarray
-        The same, all finite.
+        The same array, with all values finite.
     exact : ndarray, shape (n, n, n), bool
     """
     if content == "force":
@@ -178,7 +178,7 @@ def complete(values, content, axes):
 
 
 def _nearest(nodes, source, step):
-    """Return the nearest source node (3, m) of each wanted node, and the way to it (m,)."""
+    """Return the nearest source node (3, m) of each wanted node, and the distance to it (m,)."""
     shape = step / step[0]
     _, index = distance_transform_edt(~source, sampling=shape, return_indices=True)
     nearest = index[:, nodes]
@@ -187,7 +187,7 @@ def _nearest(nodes, source, step):
 
 
 def covered_cells(exact, reach):
-    """Return which cells (n - 1,) * 3 have only exact nodes within ``reach``."""
+    """Return a mask (n - 1,) * 3 of the cells with only exact nodes within ``reach``."""
     size = len(exact) - 1
     for axis in range(3):
         grown = np.ones([n - (k == axis) for k, n in enumerate(exact.shape)], bool)

@@ -1,4 +1,4 @@
-"""Files of grids for other runtimes, by their ending."""
+"""Exporters of grids for other runtimes, by file extension."""
 
 from pandis.pipeline.kinds.grid.graph import export_grid
 

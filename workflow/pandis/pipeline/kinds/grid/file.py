@@ -1,4 +1,4 @@
-"""The file of a grid: its nodes, and which cells the band covers."""
+"""The file of a grid: its nodes, and a mask of the cells that the band covers."""
 
 import numpy as np
 
@@ -15,7 +15,7 @@ class File(FieldFile):
     def __init__(self, field, weight_bits):
         super().__init__(field, weight_bits)
         self._boxed = field.axes != Axes.of_cube(field.axes.size)
-        # readers of version 1 take every grid to lie on the cube
+        # readers of version 1 assume that every grid is on the cube
         self.version = 2 if self._boxed else 1
 
     def parts(self):

@@ -1,4 +1,4 @@
-"""Export of grid fields: to ONNX, compared with the library before it is written."""
+"""Exports grid fields to ONNX. Each model is compared with the library before it is written."""
 
 import numpy as np
 from onnx import TensorProto
@@ -34,7 +34,7 @@ def grid_graph(field):
         return graph
     value = _interpolate(graph, field, field.rule == "nearest", clamped)
     if field.content == "force":
-        # no force outside of the box; the vector is the penetration: its length is the depth
+        # no force outside the box; the vector is the penetration vector: its length is the depth
         away = graph.apply("Greater", outside, graph.scalar(0.0))
         column = graph.apply("Unsqueeze", away, graph.constant("last", np.array([1], np.int64)))
         value = graph.apply("Where", column, graph.scalar(0.0), value)
@@ -88,7 +88,7 @@ def _own_gradient(graph, field, clamped):
 
 
 def _nodes(graph, field, clamped):
-    """Return a function that looks up integer nodes (n, 3), and the position in nodes."""
+    """Return a function that looks up integer nodes (n, 3), and the position in node units."""
     size, low = field.axes.size, np.array(field.axes.low)
     table = graph.constant("values", field.values.reshape(size**3, -1))
     strides = graph.constant("strides", np.array([size * size, size, 1], np.int64))
@@ -105,7 +105,7 @@ def _nodes(graph, field, clamped):
 
 
 def _corners(graph, size, node, position):
-    """Return a function that looks up a corner of the cell, and the place in the cell."""
+    """Return a function that looks up a corner of the cell, and the position in the cell."""
     last = graph.scalar(float(size - 2), np.float64)
     base = graph.apply("Min", graph.apply("Floor", position), last)
     part = graph.apply("Cast", graph.apply("Sub", position, base), to=TensorProto.FLOAT)
@@ -144,15 +144,15 @@ def export_grid(name, artifact, provenance, log):
     Raises
     ------
     PandisError
-        The model does not answer as the field does.
+        The answers of the model differ from the field's.
     """
     field = open_field(KIND.parse(name, None), artifact)
     metadata = {"field": name, **field.frame.attributes(), "provenance": provenance}
     model = grid_graph(field).model(name, metadata)
 
     def reference(points):
-        # a grid's direction may jump between cells, and rounding decides which cell it is:
-        # compare the force, not the normal
+        # a grid's direction may jump between cells, and rounding decides which cell is used,
+        # so the force is compared instead of the normal
         length = np.minimum(field.direction_length(points), FORCE_LENGTH)
         return *field.answer(points), length
 

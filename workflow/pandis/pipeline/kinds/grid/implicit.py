@@ -1,9 +1,9 @@
 """[10]: a grid of implicit values, after Kim, Kyrikou, Desbrun & Sukhatme 2002.
 
-The force points along the gradient at the probe, interpolated between central differences at the
-nodes, and is that of a spring to the surface. The text was not at hand, so how the spring's length
-is found is inferred. All readings are here: the value itself, taken for a distance; the
-way along the gradient to where the interpolated value changes sign; the same in whole cells.
+The force is that of a spring to the surface, along the gradient at the probe. The gradient is
+interpolated between central differences at the nodes. The text was not available, so the spring's
+length is inferred. Three readings are here: the value itself as the distance; the distance along
+the gradient to the sign change of the interpolated value; the same in whole cells.
 """
 
 import numpy as np
@@ -12,7 +12,7 @@ from pandis.pipeline.kinds.axes import slopes, trilinear
 from pandis.pipeline.kinds.field import normalise
 from pandis.pipeline.kinds.grid.interpolation import GridField
 
-#: Bisections of the last cell of a march: to a millionth of it.
+#: Bisections of the last cell of a march: they end at a millionth of a cell.
 _HALVINGS = 20
 
 
@@ -31,7 +31,7 @@ class ImplicitField(GridField):
         return self._length(points, normal, trilinear(self.values, position)[:, 0]), normal
 
     def _value(self, points):
-        """Return the value (n,) at points (n, 3), moved into the box."""
+        """Return the value (n,) at points (n, 3), clamped to the box."""
         return trilinear(self.values, self.axes.position(self._clamp(points)[0]))[:, 0]
 
     def _length(self, points, normal, value):
@@ -41,7 +41,7 @@ class ImplicitField(GridField):
 
 
 class MarchedField(ImplicitField):
-    """Reading R: the way along the normal to the surface, to the last digit."""
+    """Reading R: the distance along the normal to the surface, refined by bisection."""
 
     refined = True
 
@@ -51,7 +51,7 @@ class MarchedField(ImplicitField):
         start, along = points[inside], normal[inside]
         way = np.zeros(len(inside))
         looking = np.ones(len(inside), bool)
-        # a step per cell, until all are outside or have left the band: no surface lies that way
+        # a step per cell, until all are outside or past the band: then there is no surface ahead
         for _ in range(int(np.ceil(2 * self.band.inside / cell)) + 2):
             way[looking] += cell
             place = start[looking] + way[looking, None] * along[looking]
@@ -70,6 +70,6 @@ class MarchedField(ImplicitField):
 
 
 class CellField(MarchedField):
-    """Reading C: the way along the normal in whole cells."""
+    """Reading C: the distance along the normal to the surface, in whole cells."""
 
     refined = False

@@ -1,6 +1,6 @@
 """Fields sampled on a regular grid: the paper's baselines NN-i and Tri-i, and better ones.
 
-What the nodes hold and which of them are exact: `pandis.pipeline.kinds.grid.dense`.
+`pandis.pipeline.kinds.grid.dense` describes the contents of nodes and which nodes are exact.
 """
 
 import numpy as np
@@ -39,7 +39,7 @@ class GridField(Field):
 
     @property
     def nodes(self):
-        """Values that a file holds per node."""
+        """Values that the file stores, by node."""
         return self.values
 
     def __init__(self, name, artifact):
@@ -52,9 +52,9 @@ class GridField(Field):
         super().__init__(name, Frame.of(artifact), stored.nbytes)
 
     def answer(self, points):
-        """Answer distance (n,) and normal (n, 3) at points (n, 3), all in the unit frame.
+        """Return distance (n,) and normal (n, 3) at points (n, 3), all in the unit frame.
 
-        A force grid knows no distance outside the surface. It answers 0 there, and +z as the
+        A force grid stores no distance outside the surface. It returns 0 there, with +z as the
         normal. The same holds outside its own box, which contains the surface.
         """
         clamped, outside = self._clamp(points)
@@ -71,18 +71,18 @@ class GridField(Field):
     def direction_length(self, points):
         """Return the length (n,) of the direction before normalisation; 1 for a force grid.
 
-        Where it is short, two walls are equally near, and rounding turns the normal.
+        Where this length is small, two walls are about equally near, and rounding turns the normal.
         """
         if self.content == "force":
             return np.ones(len(points))
         return np.linalg.norm(self._interpolate(self._clamp(points)[0])[1], axis=1)
 
     def _clamp(self, points):
-        """Move points into the box that the nodes cover; see `clamp_to_box`."""
+        """Clamp points to the box that the nodes cover; see `clamp_to_box`."""
         return clamp_to_box(points, self.axes.low, self.axes.high)
 
     def query(self, points):
-        """Answer with flags."""
+        """Return the answer with flags (unit frame)."""
         distance, normal = self.answer(points)
         clamped, outside = self._clamp(points)
         position = np.nan_to_num(self.axes.position(clamped))
@@ -111,7 +111,7 @@ class NearestField(GridField):
 
 
 class GradientField(GridField):
-    """Trilinear distances, whose gradient is the normal: it jumps from cell to cell."""
+    """Trilinear distances with their gradient as the normal, which jumps between cells."""
 
     rule = "trilinear-gradient"
 
@@ -135,9 +135,9 @@ class GradientField(GridField):
 
 
 class TricubicField(GridField):
-    """A tricubic B-spline through the distances: one float a node, twice differentiable.
+    """A tricubic B-spline through the distances: one float per node, twice differentiable.
 
-    The normal is its own gradient, so the force is continuously differentiable.
+    The normal is the spline's gradient, so the force is continuously differentiable.
     """
 
     rule = "tricubic"
@@ -151,7 +151,7 @@ class TricubicField(GridField):
 
     @property
     def nodes(self):
-        """Values that a file holds per node."""
+        """Values that the file stores, by node."""
         return self.coefficients
 
     def _interpolate(self, points):

@@ -1,4 +1,4 @@
-"""Opens the fields of a grid, by how it is read."""
+"""Opens grid fields; the form selects how a grid is interpolated."""
 
 from pandis.pipeline.kinds.grid.implicit import CellField, ImplicitField, MarchedField
 from pandis.pipeline.kinds.grid.interpolation import (
@@ -23,5 +23,5 @@ _FIELDS = {
 
 
 def open_field(spec, artifact):
-    """Return the field of a `FieldSpec`, from the artifact that holds it."""
+    """Return the field of a `FieldSpec` from its artifact."""
     return _FIELDS[spec.form](spec.name, artifact)

@@ -9,12 +9,12 @@ from pandis.pipeline.kinds.grid.spec import BOX, CONTENTS, KIND
 from pandis.pipeline.kinds.sizing import Candidate, Maker, points_of, search
 from pandis.pipeline.run.job.artifact import Artifact
 
-#: Most nodes per axis, however large the budget.
+#: Maximum nodes per axis, however large the budget.
 _LARGEST = 512
 
 
 class GridMaker(Maker):
-    """Makes grids of one mesh, by nodes per axis.
+    """Makes grids of one mesh; a size is a number of nodes per axis.
 
     Parameters
     ----------
@@ -59,7 +59,7 @@ class GridMaker(Maker):
 
 
 def grid_bytes(form, size):
-    """Return the bytes that ``pandis.h`` answers a grid from."""
+    """Return the bytes that ``pandis.h`` needs to query a grid."""
     nodes = size + 2 if form == "tricubic" else size  # the cells at the border need more
     return 4 * CHANNELS[CONTENTS[form].removesuffix(BOX)] * nodes**3
 

@@ -7,8 +7,8 @@ from pandis.pipeline.run.ask.kind import AUTO, BuildTask, FieldSpec, Kind, check
 
 #: Suffix of grids on the box around the surface, as in the paper.
 BOX = "-box"
-#: Content of a grid's nodes, by its reading; with `BOX`, on the box around the surface instead of
-#: the cube [-1, 1]³.
+#: Content of a grid's nodes for each reading. With the suffix `BOX` the nodes are on the box around
+#: the surface instead of the cube [-1, 1]³.
 CONTENTS = {
     "nearest": "force",
     "trilinear": "force",
@@ -25,12 +25,12 @@ CONTENTS = {
 _COMPARED = ("kim", "kim-ray", "kim-cell")
 #: Readings that `fields: auto` tries.
 TRIED = ("nearest", "trilinear", "trilinear-normal", "trilinear-gradient", "tricubic")
-#: Fewest and most nodes per axis.
+#: Minimum and maximum nodes per axis.
 _NODES = 4, 512
 
 
 class GridTask(BuildTask):
-    """Fill one grid. `band`: how far it reaches into the surface and out of it (unit frame)."""
+    """Compute one grid. `band`: its depth below the surface, and height above it (unit frame)."""
 
     content: str
     size: int

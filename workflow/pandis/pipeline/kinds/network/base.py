@@ -1,16 +1,16 @@
-"""The coarse spline that a network adds to: a sketch of the distance over the whole box."""
+"""The base: a coarse spline of the distance over the whole box, which a network corrects."""
 
 import numpy as np
 from scipy.interpolate import BSpline
 
 from pandis.engine.spline import EDGE, Lattice
 
-#: Exact distances per cell and axis that a sketch is fitted to.
+#: Exact distances per cell and axis to which the spline is fitted.
 _SAMPLES = 3
 
 
 class BaseSpline:
-    """A tricubic B-spline over the box [-1, 1]³, a few KB.
+    """A tricubic B-spline of a few KB over the box [-1, 1]³.
 
     Parameters
     ----------
@@ -35,7 +35,7 @@ def fit_base(engine, cells):
     engine : object
         The exact distance of a `pandis.pipeline.geometry.body.Body`.
     cells : int
-        Per axis.
+        Cells per axis.
 
     Returns
     -------
@@ -43,8 +43,8 @@ def fit_base(engine, cells):
 
     Notes
     -----
-    Samples and spline are tensor products, so that solving the problem of one axis solves
-    all of it (de Boor 1979, Efficient computer manipulation of tensor products).
+    Samples and spline are tensor products, so that the problem can be solved one axis at a
+    time (de Boor 1979, Efficient computer manipulation of tensor products).
     """
     axis = np.linspace(-1, 1, _SAMPLES * cells + 1)
     places = np.stack(np.meshgrid(axis, axis, axis, indexing="ij"), axis=-1)
@@ -52,6 +52,6 @@ def fit_base(engine, cells):
     knots = -1 + 2 / cells * np.arange(-3, cells + 4)
     design = BSpline.design_matrix(np.minimum(axis, EDGE), knots, 3).toarray()
     solve = np.linalg.pinv(design)
-    for _ in range(3):  # one axis at a time, which becomes the last
+    for _ in range(3):  # solves for the first axis, and moves it to the end
         distance = np.tensordot(distance, solve, axes=(0, 1))
     return BaseSpline(distance)

@@ -1,4 +1,4 @@
-"""Trains a network, or several from narrow to wide until one meets what is asked for."""
+"""Trains one network, or several from narrow to wide until one meets the recipe's limits."""
 
 from typing import NamedTuple
 
@@ -9,12 +9,12 @@ from pandis.pipeline.geometry.points import Points
 from pandis.pipeline.geometry.strata import Strata
 from pandis.pipeline.kinds.network.training.trainer import Trainer
 
-#: Widths that are tried, from fast to slow; bytes grow with their square.
+#: Widths to try, from fast to slow; bytes grow with the square of the width.
 WIDTHS = (16, 24, 32, 48, 64, 96, 128, 192, 256, 384, 512)
 
 
 class Tried(NamedTuple):
-    """A trained network: units per layer, bytes, errors, and why it was not taken."""
+    """A trained network: units per layer, bytes, errors, and the reason for its rejection."""
 
     size: int
     bytes: int
@@ -43,9 +43,9 @@ def build(job):
 
 
 def train(task, samples, strata, points, checkpoint, progress, log):
-    """Train one network, or the smallest that meets the error that is asked for.
+    """Train one network, or the narrowest that meets the recipe's limits.
 
-    Without ``force_error`` in the recipe there is one run.
+    Without ``force_error`` in the recipe, one network is trained.
 
     Parameters
     ----------
@@ -53,7 +53,7 @@ def train(task, samples, strata, points, checkpoint, progress, log):
     samples, strata, checkpoint, log
         See `pandis.pipeline.kinds.network.training.trainer.Trainer`.
     points : pandis.pipeline.geometry.points.Points
-        Points on which that error is measured.
+        Points on which the force error is measured.
     progress : callable
         Makes a `pandis.pipeline.run.job.stage.Progress`.
 
@@ -67,7 +67,7 @@ def train(task, samples, strata, points, checkpoint, progress, log):
     Raises
     ------
     PandisError
-        No network meets the error, or a run diverged repeatedly.
+        No network meets the limits, or a run diverged repeatedly.
     """
     if task.recipe.loss == "paper" or task.recipe.force_error is None:
         trainer = Trainer(task, samples, strata, checkpoint, log)
@@ -82,9 +82,9 @@ def train(task, samples, strata, points, checkpoint, progress, log):
         finish()
         best = min(tried, key=lambda one: one.excess)
         raise PandisError(
-            f"train.{task.name}: no network meets {points.describe_limits(limits)}; of "
-            f"{len(tried)}, up to {recipe.width} units per layer, the nearest, with "
-            f"{best.size}, {best.why}: ask for less, or allow more steps or width"
+            f"train.{task.name}: no network meets {points.describe_limits(limits)}; the closest "
+            f"of {len(tried)} networks (up to {recipe.width} units per layer), with {best.size} "
+            f"units, {best.why}: relax the limits, or allow more steps or width"
         )
     arrays, attributes, measured = network
     sizing = {
@@ -102,10 +102,10 @@ def widths_up_to(width):
 
 
 def narrowest(task, widths, samples, strata, checkpoint, progress, log, judge):
-    """Train networks, from narrow to wide, until one is taken.
+    """Train networks, from narrow to wide, until one is accepted.
 
-    Each has the whole budget of steps. All before the one that is taken cost together about as
-    much as that one.
+    Each is trained for the whole budget of steps. All networks before the accepted one cost
+    together about as much as that one.
 
     Parameters
     ----------
@@ -114,15 +114,15 @@ def narrowest(task, widths, samples, strata, checkpoint, progress, log, judge):
     widths : list of int
     judge : callable
         Returns a `pandis.pipeline.geometry.points.Measured` for trainer, arrays and
-        attributes: taken if its ``why`` is empty.
+        attributes; the network is accepted if ``why`` is empty.
 
     Returns
     -------
     network : tuple (arrays, attributes, measured), or None
-        What was taken.
+        The accepted network.
     tried : list of Tried
     finish : callable
-        Removes the checkpoints of all.
+        Removes the checkpoints of all networks.
     """
     tried, finish = [], lambda: None
     for width in widths:
@@ -136,7 +136,7 @@ def narrowest(task, widths, samples, strata, checkpoint, progress, log, judge):
         size = sum(arrays[key].nbytes for key in arrays if key != "curve")
         error = measured.figures["mean"]
         tried.append(Tried(width, size, error, measured.excess, measured.why))
-        log(f"network of {width} units per layer: {measured.why or 'meets what is asked'}")
+        log(f"network of {width} units per layer: {measured.why or 'meets the limits'}")
         if not measured.why:
             return (arrays, attributes, measured), tried, finish
     return None, tried, finish

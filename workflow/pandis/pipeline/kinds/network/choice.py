@@ -14,13 +14,13 @@ from pandis.pipeline.kinds.network.training.network import Siren, named_arrays
 from pandis.pipeline.kinds.sizing import Outcome
 from pandis.pipeline.run.job.artifact import Artifact
 
-#: Units per layer in the table of times, and what these networks have in common.
+#: Units per layer in the table of times, and the options that these networks share.
 _WIDTHS = (16, 64, 128, 256, 512)
 _BASE, _DEPTH, _OMEGA = 16, 4, 30.0
 
 
 def choose(chooser):
-    """See `pandis.pipeline.kinds`: from narrow to wide, each with the whole budget of steps."""
+    """Try networks from narrow to wide, each with all steps: see `pandis.pipeline.kinds`."""
     chooser.say_least()
     options, points = chooser.options, chooser.points
     name, recipe = options.name, options.recipe
@@ -28,7 +28,7 @@ def choose(chooser):
     fit = chooser.fitting(KIND.name, sizes, name, layers=recipe.depth)
     if not fit:
         return None
-    # another seed: a spline that was tried has drawn from this job's
+    # another seed, because a spline that was tried has used the points of this job's seed
     strata = Strata(points.surface, points.engine, options.samples, options.seed + 1)
     drawn = strata.arrays(chooser.progress)
     samples = Artifact(None, "samples", drawn, strata.attributes(), {}, "")

@@ -1,4 +1,4 @@
-"""Files of networks for other runtimes, by their ending."""
+"""Exporters of networks for other runtimes, by file extension."""
 
 from pandis.pipeline.kinds.network.graph import export_network
 from pandis.pipeline.kinds.network.program import export_program

@@ -1,4 +1,4 @@
-"""The file of a network: 32 or 16-bit weights, in rows of whole lanes."""
+"""The file of a network: 32-bit or 16-bit weights, in rows padded to whole lanes."""
 
 import copy
 
@@ -9,9 +9,9 @@ from pandis.pipeline.kinds.check import check_points
 from pandis.pipeline.kinds.native import FieldFile
 from pandis.runtime.field import NETWORK, NativeField
 
-#: Sums run in this many lanes; rows of weights are padded to a multiple of it.
+#: Number of lanes of a sum; rows of weights are padded to a multiple of it.
 _LANES = 16
-#: Steps of 16-bit weights to either side of zero.
+#: Number of steps of 16-bit weights on either side of zero.
 _STEPS = 32767
 
 
@@ -20,7 +20,7 @@ class File(FieldFile):
 
     def __init__(self, field, weight_bits):
         super().__init__(field, weight_bits)
-        # the file must answer as the rounded weights do
+        # the file must reproduce the answers of the rounded weights
         self.answering = _rounded(field) if weight_bits == 16 else field
 
     def parts(self):
@@ -68,14 +68,14 @@ class File(FieldFile):
 
 
 def network_bytes(width, depth, outputs, base, weight_bits):
-    """Return the bytes that ``pandis.h`` answers a network from.
+    """Return the bytes that ``pandis.h`` needs to query a network.
 
     Parameters
     ----------
     width, depth, outputs : int
         Units per sine layer, number of sine layers, and outputs.
     base : int or None
-        Cells per axis of the spline that it adds to.
+        Cells per axis of the spline that the network corrects.
     weight_bits : {32, 16}
     """
     row, rows = _padded(width), (depth - 1) * width

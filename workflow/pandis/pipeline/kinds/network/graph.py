@@ -1,4 +1,4 @@
-"""Export of networks: to ONNX, compared with PyTorch before it is written."""
+"""Exports networks to ONNX. Each model is compared with PyTorch before it is written."""
 
 import numpy as np
 import torch
@@ -16,7 +16,7 @@ from pandis.pipeline.kinds.tricubic import tricubic
 
 
 def network_graph(artifact):
-    """Return the graph of a sine network, ω0 folded into its weights.
+    """Return the graph of a sine network, with ω0 folded into its weights.
 
     Parameters
     ----------
@@ -57,7 +57,7 @@ def network_graph(artifact):
 
 
 def torch_network(artifact):
-    """Return the torch network of a model artifact, ω0 not folded: as it was trained."""
+    """Return the torch network of a model artifact as it was trained, with ω0 not folded in."""
     network = Siren(**dict(Architecture.of(artifact)), generator=torch.Generator())
     with torch.no_grad():
         for index, (weight, bias) in enumerate(zip(network.weights, network.biases, strict=True)):
@@ -76,13 +76,13 @@ def compare(answer, artifact, what, log):
     artifact : pandis.pipeline.run.job.artifact.Artifact
         Artifact of kind ``model``.
     what : str
-        What is compared, for the log.
+        Name of the export, for the log.
     log : callable
 
     Raises
     ------
     PandisError
-        They differ by more than rounding.
+        The two differ by more than rounding.
     """
     base = load_base(artifact)
     single, double = torch_network(artifact), torch_network(artifact).double()
@@ -132,7 +132,7 @@ def export_network(name, artifact, provenance, log):
     Raises
     ------
     PandisError
-        The model does not answer as PyTorch does.
+        The answers of the model differ from PyTorch's.
     """
     torch.set_num_threads(1)
     model = network_graph(artifact).model(name, describe(name, artifact, provenance))

@@ -1,4 +1,4 @@
-"""Export of networks as PyTorch programs, for LibTorch: the paper's own route."""
+"""Exports networks as PyTorch programs for LibTorch, as in the paper."""
 
 import io
 import json
@@ -52,9 +52,9 @@ class Spline(torch.nn.Module):
 
 
 class Program(torch.nn.Module):
-    """A network from mesh units to mesh units, like its ONNX graph.
+    """A network with inputs and outputs in mesh units, like its ONNX graph.
 
-    Takes points float64 (n, 3); answers distance (n,) and normal (n, 3) of unit length, float32.
+    Takes points float64 (n, 3); returns distance (n,) and normal (n, 3) of unit length, float32.
     It subtracts the centre and scales in float64, before the cast.
 
     Parameters
@@ -120,14 +120,14 @@ def export_program(name, artifact, provenance, log):
     Raises
     ------
     PandisError
-        The program, read back, does not answer as the network does.
+        The answers of the program, read back, differ from the network's.
     """
     torch.set_num_threads(1)
     count = torch.export.Dim("n", min=1)
     example = (torch.zeros(3, 3, dtype=torch.float64),)
     program = torch.export.export(Program(artifact), example, dynamic_shapes={"points": {0: count}})
     for node in program.graph.nodes:
-        node.meta.pop("stack_trace", None)  # names folders of this machine
+        node.meta.pop("stack_trace", None)  # contains folder names of this machine
     data = io.BytesIO()
     metadata = json.dumps(describe(name, artifact, provenance), sort_keys=True)
     torch.export.save(program, data, extra_files={"metadata.json": metadata})

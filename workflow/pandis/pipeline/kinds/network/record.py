@@ -4,7 +4,7 @@ from pandis.pipeline.run.records.record import Record
 
 
 class Architecture(Record):
-    """A network: its sine layers, their units and ω0, and 4 outputs or 1 (Φ alone)."""
+    """A network: units per sine layer, number of sine layers, ω0, and 4 outputs or 1 (Φ alone)."""
 
     width: int
     depth: int
@@ -18,37 +18,37 @@ class Architecture(Record):
 
 
 class Spread(Record):
-    """A mean with its spread."""
+    """A mean with its standard deviation."""
 
     mean: float
     std: float
 
 
 class Error(Record):
-    """A force error, unit frame, k = 1."""
+    """Mean and 99th percentile of the force error (unit frame, k = 1)."""
 
     mean: float
     p99: float
 
 
 class ModelRecord(Record):
-    """How a network was trained.
+    """A network and its training.
 
     Attributes
     ----------
     architecture : Architecture
     recipe : str
-        Its loss.
+        Loss of the recipe.
     options : dict
-        Options of the recipe, except the accuracy asked for.
+        Options of the recipe, except the requested accuracy.
     steps, restarts : int
     reproducible : bool
     device : str
     curve_columns : list of str
     held_out_error : Error
-        On points that it was not trained on.
+        Force error at points that were not used for training.
     direction_length : Spread
-        Length of the direction before normalisation, on those points.
+        Length of the direction before normalisation, at the same points.
     """
 
     architecture: Architecture

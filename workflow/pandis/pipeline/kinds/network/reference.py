@@ -1,6 +1,6 @@
 """The sine network as a field, in NumPy: Sitzmann et al. 2020; paper, Fig. 1.
 
-Torch trains it (`pandis.pipeline.kinds.network.training`), but a query needs only products and
+Training uses torch (`pandis.pipeline.kinds.network.training`), but a query needs only products and
 sines, so that neither evaluation nor a user's program has to load torch.
 """
 
@@ -33,7 +33,7 @@ def load_layers(artifact):
 
 
 def load_base(artifact):
-    """Return the `BaseSpline` that the network of a model artifact adds to, or None."""
+    """Return the `BaseSpline` that the network of a model artifact corrects, or None."""
     coefficients = artifact.arrays.get("base")
     return None if coefficients is None else BaseSpline(coefficients)
 
@@ -41,7 +41,7 @@ def load_base(artifact):
 class SirenField(Field):
     """A trained sine network: (Φ, Ψ) at a point in one pass, or Φ and its gradient.
 
-    It may add to a coarse spline of the distance, whose value and gradient they then include.
+    With a base, a coarse spline of the distance, both include the spline's value and gradient.
     """
 
     kind = "network"
@@ -56,7 +56,7 @@ class SirenField(Field):
         super().__init__(name, Frame.of(artifact), size)
 
     def in_double(self):
-        """Return the same network in double precision, by which rounding is recognised."""
+        """Return the same network in double precision, to measure the effect of rounding."""
         other = copy.copy(self)
         other.layers = [(w.astype(np.float64), b.astype(np.float64)) for w, b in self.layers]
         return other
@@ -73,7 +73,7 @@ class SirenField(Field):
         return phi + value, direction + gradient
 
     def _network(self, points):
-        """Return what the network gives, in the precision of its weights."""
+        """Return Φ and the direction without the base, in the precision of the weights."""
         h, slopes = np.asarray(points, self.layers[0][0].dtype), []
         last, bias = self.layers[-1]
         own_gradient = len(last) == 1
@@ -91,12 +91,12 @@ class SirenField(Field):
         return output[:, 0], chain
 
     def answer(self, points):
-        """Answer distance (n,) and normal (n, 3) at points (n, 3), all in the unit frame."""
+        """Return distance (n,) and normal (n, 3) at points (n, 3), all in the unit frame."""
         clamped, outside = clamp_to_box(points)
         phi, direction = self.direction(clamped)
         return phi.astype(np.float64) + outside, normalise(direction.astype(np.float64))
 
 
 def open_field(spec, artifact):
-    """Return the field of a `FieldSpec`, from the artifact that holds it."""
+    """Return the field of a `FieldSpec` from its artifact."""
     return SirenField(spec.name, artifact)

@@ -9,14 +9,14 @@ from pandis.pipeline.run.ask.recipes import ExactRecipe, PaperRecipe, budgeted
 from pandis.pipeline.run.ask.targets import DeviceOptions
 
 _TRAINING = "pandis.pipeline.kinds.network.training"
-#: Modules that only one kind of recipe runs, though the trainer imports them all.
+#: Modules that run only for one kind of recipe, although the trainer imports all of them.
 _LOSSES = {"paper": f"{_TRAINING}.paper_loss", "exact": f"{_TRAINING}.exact_loss"}
-#: Modules that only a training on a GPU runs.
+#: Modules that run only when a GPU trains.
 _ON_GPUS = (f"{_TRAINING}.labels", "pandis.engine.cuda.steps")
 
 
 class TrainTask(DeviceOptions, BuildTask):
-    """Train one network. Errors that are asked for in newtons are at the device's scale."""
+    """Train one network. Error limits in newtons refer to the device's scale."""
 
     name: str
     recipe: Annotated[PaperRecipe | ExactRecipe, Field(discriminator="loss")]
@@ -45,14 +45,14 @@ class Network(Kind):
         return TrainTask(kind=self.name, name=spec.name, recipe=recipe, seed=job.seed, **device)
 
     def unused(self, options):
-        """See `Kind.unused`: the other loss, and modules for GPUs if a CPU trains."""
+        """Return the other loss, and the GPU modules if a CPU trains: see `Kind.unused`."""
         recipe = options.get("recipe", {})
         losses = [m for loss, m in _LOSSES.items() if recipe.get("loss", loss) != loss]
         on_cpu = recipe.get("device", "cpu") == "cpu"
         return [*losses, *(_ON_GPUS if on_cpu else ())]
 
     def work(self, size, layers=4):
-        """Return about how many products a query makes: one per weight."""
+        """Return the approximate number of multiplications per query: one per weight."""
         return (layers - 1) * size**2 + 4 * size
 
     def stream(self, spec):

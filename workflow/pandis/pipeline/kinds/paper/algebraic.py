@@ -1,4 +1,4 @@
-"""[10] on a potential that is no distance: x² + y² + z² - 1, only for the unit sphere."""
+"""[10] on a potential that is not a distance: x² + y² + z² - 1, only for the unit sphere."""
 
 import numpy as np
 
@@ -9,7 +9,7 @@ from pandis.pipeline.kinds.field import Field, clamp_to_box, normalise
 
 
 class AlgebraicField(Field):
-    """The value as the distance, at the nodes of a grid: reading V of kim."""
+    """Reading V of kim: the value, interpolated on a grid, is used as the distance."""
 
     def __init__(self, name, mesh):
         if mesh.attributes.get("shape") != "sphere":
@@ -26,7 +26,7 @@ class AlgebraicField(Field):
         super().__init__(name, frame, self.values.nbytes)
 
     def answer(self, points):
-        """Answer the value (n,) and the normal (n, 3) at points (n, 3), in the unit frame."""
+        """Return the value (n,) and the normal (n, 3) at points (n, 3), in the unit frame."""
         clamped, outside = clamp_to_box(points)
         bad = np.isnan(clamped).any(axis=1)
         position = self.axes.position(np.where(bad[:, None], 0.0, clamped))

@@ -5,7 +5,7 @@ from pandis.pipeline.kinds.paper.maps import build_planes
 
 
 def build(job):
-    """Lay support planes around a mesh, and write ``method-support-planes.zarr.zip``."""
+    """Build the support planes of a mesh, and write ``method-support-planes.zarr.zip``."""
     body = Body.open(job.read("mesh", "mesh"))
     arrays = build_planes(body.corners, body.distance, job.progress)
     job.write("planes", arrays, body.frame.attributes())

@@ -1,8 +1,8 @@
-"""Support planes with distance maps: what [16] stores (Moustakas 2015, as far as it is described).
+"""Support planes with distance maps, as [16] stores them (Moustakas 2015, as far as described).
 
 There are 642 directions, the vertices of an icosahedron subdivided three times. Each has the plane
-that touches the shape, and a map of how far the surface lies below it. Here the maps are rasters.
-On a shape that is not convex they see only the outermost surface.
+that touches the shape, and a map of the depth of the surface below it. Here the maps are rasters.
+On a shape that is not convex they contain only the outermost surface.
 """
 
 import numpy as np
@@ -11,14 +11,14 @@ from trimesh.creation import icosphere
 SUBDIVISIONS = 3
 #: Pixels per axis of a map.
 SIZE = 64
-#: Distance from the surface at which a ray has hit, and the most steps it takes.
+#: Distance from the surface at which a ray counts as a hit, and its maximum number of steps.
 _HIT, _STEPS = 1e-6, 96
 #: Height of a ray's start above its plane: a tessellation touches it from below.
 _ABOVE = 1e-3
 
 
 def plane_axes(normals):
-    """Return, as two (n, 3), unit vectors that span the planes of normals (n, 3)."""
+    """Return two arrays (n, 3) of unit vectors that span the planes with normals (n, 3)."""
     helper = np.where(np.abs(normals[:, :1]) < 0.6, [1.0, 0, 0], [0, 1.0, 0])
     one = np.cross(normals, helper)
     one /= np.linalg.norm(one, axis=1, keepdims=True)
@@ -39,9 +39,9 @@ def build_planes(vertices, engine, progress):
     Returns
     -------
     dict of str to ndarray
-        ``normals`` (642, 3), ``offsets`` (642,), ``maps`` (642, 64, 64): n·x = h are the planes,
-        a map holds the depth below its plane at ``linspace(-radius, radius, 64)`` along both
-        `plane_axes`; ``radius`` (). All float32. Where a ray meets nothing the depth is that of
+        ``normals`` n (642, 3) and ``offsets`` h (642,) of the planes n·x = h; ``maps``
+        (642, 64, 64), the depth below each plane at ``linspace(-radius, radius, 64)`` along both
+        `plane_axes`; ``radius`` (). All float32. Where a ray hits nothing, the depth is that of
         the far side.
     """
     normals = np.array(icosphere(SUBDIVISIONS).vertices)
@@ -71,7 +71,7 @@ def build_planes(vertices, engine, progress):
 
 
 def _march(engine, origin, along, longest):
-    """Return how far (n,) rays go to the surface, by sphere tracing; else ``longest``."""
+    """Return the lengths (n,) of rays to the surface, by sphere tracing; at most ``longest``."""
     way = np.zeros(len(origin))
     going = np.arange(len(origin))
     for _ in range(_STEPS):

@@ -11,9 +11,9 @@ class PlanesField(Field):
     """Support planes, in three readings by name: see
     `pandis.pipeline.kinds.paper.spec.PLANES`.
 
-    ``support-planes-only`` answers the nearest plane; ``support-planes-distance`` the depth below
-    it, along its normal; ``support-planes`` tilts the normal by the slope of the map. The
-    method is for convex bodies: of others it knows only the outermost surface.
+    ``support-planes-only`` uses the nearest plane alone; ``support-planes-distance`` adds the depth
+    of the surface below it; ``support-planes`` also tilts the normal by the slope of the map. The
+    method is for convex bodies: of others it stores only the outermost surface.
 
     Parameters
     ----------
@@ -35,7 +35,7 @@ class PlanesField(Field):
         super().__init__(name, Frame.of(artifact), size)
 
     def answer(self, points):
-        """Answer distance (n,) and normal (n, 3) at points (n, 3), all in the unit frame."""
+        """Return distance (n,) and normal (n, 3) at points (n, 3), all in the unit frame."""
         points = np.asarray(points, np.float64)
         bad = np.isnan(points).any(axis=1)
         points, outside = clamp_to_box(np.where(bad[:, None], 0.0, points))
@@ -46,7 +46,7 @@ class PlanesField(Field):
             one, other = (axis[nearest] for axis in self.axes)
             place = np.stack([(points * one).sum(1), (points * other).sum(1)], axis=1)
             depth, slope = self._look_up(nearest, place)
-            below = distance <= 0  # outside of a plane the plane itself is the nearer bound
+            below = distance <= 0  # outside a plane, the plane itself is the closer bound
             distance = np.where(below, distance + depth, distance)
             if self.tilted:
                 tilt = slope[:, :1] * one + slope[:, 1:] * other

@@ -10,21 +10,21 @@ import numpy as np
 
 from pandis.pipeline.kinds.field import Field, normalise
 
-#: Most Newton steps onto the surface, and the step (unit frame) at which they end.
+#: Maximum number of Newton steps onto the surface, and the step size (unit frame) that ends them.
 _STEPS, _NEAR = 10, 1e-9
 
 
 class ProxyField(Field):
-    """The tracked contact point: its distance, and the direction to it.
+    """Distance and direction to a tracked contact point.
 
-    Answers depend on the probe's path: the points of a call are taken in order, and begin
-    out of contact. The force -k·distance·normal is then k·(contact point - probe).
+    Answers depend on the probe's path: the points of a call are processed in order, and the first
+    is out of contact. The force -k·distance·normal is then k·(contact point - probe).
 
     Parameters
     ----------
     name : str
     field : Field
-        Gives the zero level and its normals.
+        Defines the surface, as its zero level, and the normals.
     """
 
     ordered = True
@@ -34,7 +34,7 @@ class ProxyField(Field):
         self.field = field
 
     def answer(self, points):
-        """Answer distance (n,) and normal (n, 3) along a path (n, 3), all in the unit frame."""
+        """Return distance (n,) and normal (n, 3) along a path (n, 3), all in the unit frame."""
         distance, normal = np.empty(len(points)), np.empty((len(points), 3))
         contact = None
         free, free_normal = self.field.answer(points)
@@ -51,7 +51,7 @@ class ProxyField(Field):
         return distance, normal
 
     def _track(self, contact, probe, distance):
-        """Return the next contact point (3,), None out of contact."""
+        """Return the next contact point (3,), or None out of contact."""
         if not np.isfinite(probe).all():
             return contact
         if contact is None:
@@ -63,7 +63,7 @@ class ProxyField(Field):
         return self._project(probe - along * normal[0])
 
     def _project(self, start):
-        """Return the point on the surface that Newton's steps lead to."""
+        """Return the point on the surface that Newton's method finds from a start."""
         point = start
         for _ in range(_STEPS):
             distance, normal = self.field.answer(point[None])

@@ -1,4 +1,4 @@
-"""The paper's other methods: what they answer."""
+"""Opens the fields of the methods that the paper compares with."""
 
 from pandis.pipeline.kinds.paper.algebraic import AlgebraicField
 from pandis.pipeline.kinds.paper.planes import PlanesField
@@ -8,7 +8,7 @@ from pandis.pipeline.run.ask.kinds import kind_module
 
 
 def open_field(spec, artifact):
-    """Return the field of a `FieldSpec`, from the artifact that holds it."""
+    """Return the field of a `FieldSpec` from its artifact."""
     if spec.through:
         opened = kind_module(spec.through.kind, "reference").open_field(spec.through, artifact)
         return ProxyField(spec.name, opened)

@@ -5,7 +5,7 @@ from typing import ClassVar
 
 from pandis.pipeline.run.ask.kind import AUTO, FieldSpec, Kind, check_size
 
-#: [16]: planes alone, with their distance maps, with the maps' slopes too.
+#: [16]: planes alone; with their distance maps; with the slopes of the maps, too.
 PLANES = ("support-planes-only", "support-planes-distance", "support-planes")
 #: [22]: a contact point tracked on the exact surface, or on another field's.
 PROXY = "salisbury"
@@ -43,7 +43,7 @@ def _check_tracked(name, inner):
     if inner.through:
         raise ValueError(f"{name}: a contact point is tracked on a field, not on another point")
     if inner.kind == AUTO:
-        raise ValueError(f"{name}: a contact point is tracked on a known field: name it")
+        raise ValueError(f"{name}: a contact point is tracked on a known field: name one, not auto")
     if not inner.distances:
         raise ValueError(
             f"{name}: {inner.name} knows no distance outside the surface, where a contact point "

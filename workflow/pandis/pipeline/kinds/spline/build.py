@@ -1,4 +1,4 @@
-"""Fits a spline of given nodes."""
+"""Fits a spline with a given number of nodes."""
 
 from pandis.pipeline.geometry.body import Body
 from pandis.pipeline.kinds.spline.lattices import SplineFit, samples_for

@@ -2,7 +2,7 @@
 
 from pandis.pipeline.kinds.spline.search import SplineMaker
 
-#: Bytes in the table of times.
+#: Sizes, in bytes, of the splines in the table of query times.
 _TIMED = (50_000, 800_000)
 
 

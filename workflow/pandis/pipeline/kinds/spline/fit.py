@@ -1,19 +1,19 @@
-"""Fits tricubic splines to exact distances by what counts: the error of the force.
+"""Fits tricubic splines to exact distances so that the error of the force is small.
 
-At a point d below the surface the force is -d·n. A spline f with gradient g
-errs there by about √((f - d)² + d²·|g - n|²). The sum of that over sample
-points is minimised, not that of squares: next to the medial axis no smooth
-function fits, and squares would spoil the rest for its sake. The method is
-iteratively reweighted least squares, each by conjugate gradients.
+Inside, at signed distance d, the force is -d·n. The error of a spline f with
+gradient g is about √((f - d)² + d²·|g - n|²) there. The fit minimises the sum
+of errors over sample points, not of their squares: next to the medial axis no
+smooth function fits, and squares would worsen the fit elsewhere to reduce these
+errors. It is iteratively reweighted least squares by conjugate gradients.
 """
 
 from typing import NamedTuple
 
 import numpy as np
 
-#: Errors below this gain no more weight.
+#: Errors below this do not increase the weight further.
 _FLOOR = 1e-4
-#: Keeps coefficients that no sample sees where they are.
+#: Damping, relative to the mean weight. It keeps coefficients without samples unchanged.
 _DAMPING = 1e-3
 
 
@@ -27,7 +27,7 @@ class Targets(NamedTuple):
 
 
 class Level:
-    """The coefficients of one lattice that may be other than zero.
+    """The coefficients of one lattice that may differ from zero.
 
     Parameters
     ----------
@@ -40,13 +40,13 @@ class Level:
         self.lattice, self.nodes = lattice, nodes
 
     def evaluate(self, coefficients, points):
-        """Return value and gradient from the coefficients (m,) of the nodes."""
+        """Return value and gradient at points from the coefficients (m,) of the nodes."""
         dense = np.zeros(self.lattice.size**3, np.float32)
         dense[self.nodes] = coefficients
         return self.lattice.evaluate(dense.reshape((self.lattice.size,) * 3), points)
 
     def adjoint(self, points, value, gradient):
-        """Return the sums (m,) of residuals: the transpose of `evaluate`."""
+        """Apply the transpose of `evaluate` to residuals at points; return (m,)."""
         return self.lattice.adjoint(points, value, gradient)[self.nodes]
 
 
@@ -61,20 +61,20 @@ def evaluate(levels, coefficients, points):
 
 
 def residual(levels, coefficients, targets):
-    """Return the error of the force (n,) that a sum of levels makes at the targets."""
+    """Return the force error (n,) of a sum of levels at the targets."""
     value, gradient = evaluate(levels, coefficients, targets.points)
     squares = ((gradient - targets.normal) ** 2).sum(axis=1)
     return np.sqrt((value - targets.distance) ** 2 + _depth(targets) ** 2 * squares)
 
 
 def fit(levels, coefficients, targets, rounds, steps, report=None):
-    """Improve coefficients.
+    """Improve coefficients by iteratively reweighted least squares.
 
     Parameters
     ----------
     levels : list of Level
     coefficients : list of ndarray
-        Where to start.
+        Initial coefficients of each level.
     targets : Targets
     rounds, steps : int
         Reweightings, and conjugate gradient steps in each.
@@ -99,7 +99,7 @@ def fit(levels, coefficients, targets, rounds, steps, report=None):
         value, gradient = forward(x)
         off, turned = targets.distance - value, targets.normal - gradient
         error = np.sqrt(off**2 + depth**2 * (turned**2).sum(axis=1))
-        # the first round is plain least squares: its start is too far for weights to mean much
+        # the first round is plain least squares: its start is too inaccurate for useful weights
         flat = targets.weight / np.maximum(error, _FLOOR) if turn else targets.weight / 1e-3
         steep = (flat * depth**2)[:, None]
         damping = _DAMPING * flat.mean()
@@ -132,5 +132,5 @@ def _product(one, other):
 
 
 def _depth(targets):
-    """Return the weight of the direction: the length of the force, 0 outside."""
+    """Return the weights (n,) of the directions: the lengths of the forces, 0 outside."""
     return np.maximum(-targets.distance, 0.0)

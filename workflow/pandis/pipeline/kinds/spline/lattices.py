@@ -1,12 +1,12 @@
 """The `spline` field: tricubic B-splines kept only where they are needed.
 
-There are three lattices. *Base*: coarse, 16 bit, all coefficients that points inside, or in the
-band around the surface, need. *Fine*: three times as fine, 8 bit, added to the base in those blocks
-where the base has its largest errors, so that creases, thin parts and the surface itself get the
-bytes. Their sum is twice continuously differentiable, and so is the force, however deep a probe
-is pressed: there is no edge inside where one lattice takes over from another. *Far*: very coarse,
-over the whole box, for the free space beyond the band. There is no force there; the band's edge
-bounds the distance, and one bit per block of cells tells the side.
+There are three lattices. *Base*: coarse, 16-bit; it has all coefficients needed for points inside
+or in the band around the surface. *Fine*: 3.5 times as fine, 8-bit; it is added to the base in the
+blocks where the base has its largest errors, so that creases, thin parts and the surface itself get
+the bytes. Their sum is twice continuously differentiable, and so is the force, however deep a probe
+is pressed: there is no boundary inside between one lattice and another. *Far*: very coarse, over
+the whole box, for the free space beyond the band. There is no force there; the band's edge bounds
+the distance, and one bit per block of cells stores the side.
 """
 
 import numpy as np
@@ -18,26 +18,26 @@ from pandis.pipeline.kinds.band import Band, find_cells
 from pandis.pipeline.kinds.record import SplineRecord
 from pandis.pipeline.kinds.spline.fit import Level, Targets, fit, residual
 
-#: Nodes of the base per node of the fine lattice.
+#: Nodes of the base lattice per node of the fine lattice, along an axis.
 BASE_SHARE = 1 / 3.5
-#: Share of the fine blocks near the surface that are worth their bytes.
+#: Share of the fine blocks near the surface that is worth storing.
 FINE_SHARE = 0.5
 FAR_SIZE, FAR_LOW = 13, -1.2
-#: Sizes (nodes per axis of the fine lattice) that a budget in bytes chooses from.
+#: Sizes (nodes per axis of the fine lattice) that are tried for a budget in bytes.
 SIZES = (32, 40, 48, 56, 64, 72, 80, 96, 112, 128, 144, 160, 176, 192, 208, 224, 240, 256, 288, 320)
-#: Bytes of a fine block (8 coefficients of 8 bit), and of a brick's mask and base.
+#: Bytes of a fine block (8 coefficients of 8 bits), and of a brick's mask and base.
 _FINE_BLOCK, _BRICK_BYTES = 8, 12
 #: Weights of points outside the surface, where there is no force, and below the band.
 _OUTSIDE_WEIGHT, _CORE_WEIGHT = 0.2, 0.05
-#: Beyond this share of the inscribed radius a point gets this weight: where the force turns over
-#: no smooth function fits, and a fit there spoils what lies above.
+#: Points deeper than the share _TURNS of the inscribed radius are weighted by _TURN_WEIGHT: where
+#: the force reverses no smooth function fits, and fitting it spoils the fit closer to the surface.
 _TURNS, _TURN_WEIGHT = 0.92, 0.05
-#: Deeper than any point: the base is kept at any depth.
+#: Depth greater than that of any point, so that the base is kept at any depth.
 _CORE = 2.0
-#: Share of the sample points below the band, and how deep they go: as deep as the largest force of
-#: a usual device presses (unit frame).
+#: Share of the sample points below the band, and their maximum depth (unit frame): the depth that a
+#: usual device reaches with its largest force.
 _CORE_SHARE, _CORE_DEPTH = 0.125, 0.3
-#: Fewest samples per fine coefficient: each gives a distance and a direction.
+#: Minimum samples per fine coefficient. Each sample provides a distance and a direction.
 _SAMPLES = 2
 FEWEST_SAMPLES, MOST_SAMPLES = 100_000, 800_000
 _BASE_ROUNDS, _FINE_ROUNDS, _STEPS = 2, 3, 10
@@ -54,7 +54,7 @@ class SplineFit:
     band : pandis.pipeline.kinds.band.Band
     seed : int
     count : int
-        Sample points.
+        Number of sample points.
     """
 
     def __init__(self, engine, surface, band, seed, count=MOST_SAMPLES):
@@ -66,7 +66,7 @@ class SplineFit:
     def _draw(self, count):
         """Draw targets: five eighths in the first hundredth below the surface.
 
-        Some more lie below the band, where only the base answers.
+        Additional targets are below the band, where only the base has coefficients.
         """
         rng = generator(self.seed, SPLINE)
         shallow, inside = count * 5 // 8, self.band.inside
@@ -91,16 +91,16 @@ class SplineFit:
         return Targets(points, distance, normal, weight)
 
     def _turning(self, points, distance, normal):
-        """Return which points (m,) lie deeper than _TURNS times the inscribed radius there."""
+        """Return the indices (m,) of points deeper than _TURNS times the inscribed radius there."""
         inside = np.flatnonzero(distance < 0)
         depth = -distance[inside] / _TURNS
-        # deeper along the same way: if another wall is nearer there, the force turns here
+        # deeper along the same normal: if another wall is nearer there, the point is past _TURNS
         further = points[inside] + (depth + distance[inside])[:, None] * -normal[inside]
         deeper = self.engine.distance_and_normal(further, check=False)[0]
         return inside[-deeper < depth * (1 - 1e-6)]
 
     def choose_size(self, budget):
-        """Return the finest size whose worthwhile blocks fit into ``budget`` bytes."""
+        """Return the finest size at which FINE_SHARE of the blocks fits into ``budget`` bytes."""
         best = None
         for size in SIZES:
             blocks = self._base_blocks(base_size(size))[0]
@@ -118,7 +118,7 @@ class SplineFit:
         size : int
             Nodes per axis of the fine lattice.
         budget : float or None
-            Bytes; None keeps the worthwhile share of the fine blocks.
+            Bytes; None keeps FINE_SHARE of the fine blocks near the surface.
         progress : callable
             Makes a `pandis.pipeline.run.job.stage.Progress`.
 
@@ -176,7 +176,7 @@ class SplineFit:
         return stored, record.attributes()
 
     def _base_blocks(self, size):
-        """Return which blocks the band needs (b, b, b), and which blocks of cells are outside."""
+        """Return masks (b, b, b) of blocks that the band needs, and of blocks of cells outside."""
         lattice = box_lattice(size)
         everything = self.band._replace(inside=_CORE)
         step = -2 * lattice.low / (lattice.size - 1)
@@ -186,7 +186,7 @@ class SplineFit:
         padded[:last, :last, :last] = signs
         split = padded.reshape(count, BLOCK, count, BLOCK, count, BLOCK)
         positive, negative = ((split == s).any(axis=(1, 3, 5)) for s in (1, -1))
-        # one bit cannot tell both signs in a block, so its cells count as in the band
+        # one bit cannot store both signs of a block, so its cells are treated as in the band
         both = np.argwhere(positive & negative)
         if len(both):
             corner = np.stack(np.unravel_index(np.arange(8), (2, 2, 2)), axis=1)
@@ -199,7 +199,7 @@ class SplineFit:
         return blocks, positive
 
     def _count_blocks(self, size, values):
-        """Return the sum of values (one each, if None) of the targets in every fine block."""
+        """Return the sum of the targets' values (1 each if None) in every fine block."""
         lattice = box_lattice(size)
         count = block_count(lattice.size)
         node = (self.targets.points - lattice.low) * lattice.per_step
@@ -208,21 +208,21 @@ class SplineFit:
         return np.bincount(flat, values, count**3).reshape((count,) * 3)
 
     def _score(self, size, error):
-        """Return what each fine block could gain: the base's error in and around it."""
+        """Return the possible gain of each fine block: the base's error in and around it."""
         score = self._count_blocks(size, error)
         for axis in range(3):
             score = convolve1d(score, [0.25, 0.5, 0.25], axis=axis, mode="constant")
         return score
 
     def _choose(self, size, score, base_blocks, budget):
-        """Return the blocks to keep (b, b, b): the best, as many as there is room for."""
+        """Return a mask (b, b, b) of the blocks to keep: as many of the best as fit."""
         order = np.argsort(-score.reshape(-1), kind="stable")
         order = order[: np.count_nonzero(score)]
         if budget is None:
             room = int(FINE_SHARE * np.count_nonzero(self._count_blocks(size, None)))
         else:
             room, free = 0, budget - _fixed_bytes(size, base_blocks)
-            # a block costs its coefficients, and its brick if it is the first there
+            # a block costs its coefficients, and its brick if it is the first in the brick
             brick = np.stack(np.unravel_index(order, score.shape), axis=1) // 4
             flat = np.ravel_multi_index(tuple(brick.T), (len(score) // 4,) * 3)
             new = np.zeros(len(flat), bool)
@@ -250,26 +250,26 @@ class SplineFit:
 def box_lattice(size):
     """Return the lattice with ``size`` nodes across [-1, 1] and one more on either side.
 
-    A point anywhere in the box then has its 4 x 4 x 4 nodes.
+    Every point in the box is then surrounded by 4 x 4 x 4 nodes.
     """
     return Lattice(size + 2, -1 - 2 / (size - 1))
 
 
 def samples_for(size=None, budget=None):
-    """Return how many samples a spline of ``size`` nodes per axis, or ``budget`` bytes, needs."""
+    """Return the number of samples for ``size`` nodes per axis or ``budget`` bytes."""
     count = 2 * budget if budget else 32 * size**2
     return int(np.clip(count, FEWEST_SAMPLES, MOST_SAMPLES))
 
 
 def base_size(size):
-    """Return the nodes per axis of the base lattice of a fine one."""
+    """Return the nodes per axis of the base lattice for those of the fine lattice."""
     return max(12, round(size * BASE_SHARE))
 
 
 def quantise(values, kind):
     """Round values to integers of ``kind``; return them and [offset, scale].
 
-    8 bit: symmetric about zero, and the largest thousandth is clipped. 16 bit: the whole range.
+    8-bit: symmetric about zero, with the largest thousandth clipped. 16-bit: the whole range.
     """
     top = np.iinfo(kind).max
     if kind is np.int8:
@@ -298,7 +298,7 @@ def _flat(nodes, size):
 
 
 def _inside(masks, size):
-    """Tell which of the coefficients of the kept blocks belong to nodes of the grid."""
+    """Return a mask of the kept blocks' coefficients that belong to nodes of the grid."""
     return (kept_nodes(masks) < size).all(axis=-1).reshape(-1)
 
 

@@ -10,8 +10,8 @@ from pandis.pipeline.kinds.record import SplineRecord
 from pandis.pipeline.kinds.spline.lattices import box_lattice
 
 _LEVELS = ("base", "fine", "far")
-#: How far a point is lifted at most to undo the rounding of a crease (steps of the base), and how
-#: far below 1 the squared gradient must be before a point is lifted.
+#: Maximum distance by which a point is lifted to undo the rounding of a crease (steps of the base),
+#: and how far below 1 the squared length of the gradient must be for a point to be lifted.
 _LIFT, _SHORT = 0.7, 0.02
 
 
@@ -48,13 +48,13 @@ class SplineField(Field):
         super().__init__(name, Frame.of(artifact), sum(sizes))
 
     def answer(self, points):
-        """Answer distance (n,) and normal (n, 3) at points (n, 3), all in the unit frame."""
+        """Return distance (n,) and normal (n, 3) at points (n, 3), all in the unit frame."""
         return self.query(points)[:2]
 
     def query(self, points):
-        """Answer with flags; outside the band the side is right, the distance an estimate.
+        """Return the answer with flags (unit frame); outside the band only the side is exact.
 
-        Its magnitude is at least the band's depth on that side.
+        The distance there is an estimate of at least the band's depth on that side.
         """
         clamped, outside = clamp_to_box(points)
         clamped = np.clip(clamped, -EDGE, EDGE)
@@ -81,11 +81,11 @@ class SplineField(Field):
         return Answer(value, normalise(gradient), flag)
 
     def _sharpen(self, points, value, gradient, near):
-        """Undo some of the rounding of creases at points (n, 3) that are near, in place.
+        """Undo, in place, some of the rounding of creases at points (n, 3) in the mask ``near``.
 
-        Where two walls are about equally near, a spline rounds the crease between them, which
-        shows in a gradient shorter than 1. The field is linear along the way to the nearest wall,
-        so the answer is taken some way up, where less is rounded, and carried back down.
+        Where two walls are about equally near, a spline rounds the crease between them, and its
+        gradient is shorter than 1. The exact distance is linear along the path to the nearest wall,
+        so the field is evaluated closer to the wall, where less is rounded, and extrapolated back.
         """
         missing = (1 - np.einsum("nk,nk->n", gradient, gradient) - _SHORT) / (1 - _SHORT)
         some = np.flatnonzero(near & (missing > 0) & (value < 0))
@@ -112,5 +112,5 @@ def _restore(arrays, level, scales):
 
 
 def open_field(spec, artifact):
-    """Return the field of a `FieldSpec`, from the artifact that holds it."""
+    """Return the field of a `FieldSpec` from its artifact."""
     return SplineField(spec.name, artifact)

@@ -1,4 +1,4 @@
-"""Fits a spline of given bytes, or the smallest that meets an error."""
+"""Fits a spline of a given number of bytes, or the smallest that meets an error limit."""
 
 from functools import cached_property
 
@@ -10,7 +10,7 @@ from pandis.pipeline.run.job.artifact import Artifact
 
 
 class SplineMaker(Maker):
-    """Makes splines of one mesh, by bytes.
+    """Makes splines of one mesh; a size is a number of bytes.
 
     Parameters
     ----------
@@ -21,7 +21,7 @@ class SplineMaker(Maker):
     progress : callable
         Makes a `pandis.pipeline.run.job.stage.Progress`.
     most : int
-        Bytes of the largest spline that may be asked for.
+        Bytes of the largest spline that may be requested.
     """
 
     form = "spline"
@@ -33,7 +33,7 @@ class SplineMaker(Maker):
 
     @cached_property
     def _fit(self):
-        # a search over sizes draws once, for the largest
+        # a search over sizes draws samples once, for the largest size
         points, samples = self.points, samples_for(budget=self.most)
         return SplineFit(points.engine, points.surface, self.band, points.seed, samples)
 
@@ -55,7 +55,7 @@ class SplineMaker(Maker):
         return size
 
     def finer(self, size, other):
-        """See `Maker.finer`: bytes lie next to the surface."""
+        """See `Maker.finer`: blocks are near the surface, so bytes grow with its square."""
         return (other / size) ** 0.5
 
 

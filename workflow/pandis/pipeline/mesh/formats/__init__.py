@@ -1,8 +1,8 @@
 """Readers of mesh files: one for each format, strict, and exact to the last bit.
 
-A file is read exactly as written or rejected with the place of the fault; no lenient reader takes
-over after a strict one. Where a standard is ambiguous, files are read as most programs do, and a
-note is added.
+A file is either read exactly as written, or rejected with a message that locates the fault. There
+is no lenient fallback. Where a standard is ambiguous, a file is read as most programs read it, and
+a note is added.
 """
 
 import re
@@ -24,7 +24,7 @@ READERS = {
     "gltf": gltf.read,
     "3mf": threemf.read,
 }
-#: Names, for messages, of content in other formats.
+#: Descriptions, for messages, of contents that are not meshes.
 _OTHERS = {
     "html": "a web page", "xml": "an XML file",
     "pointer": "a Git LFS pointer (fetch the file itself: git lfs pull)",
@@ -40,9 +40,9 @@ def read(path, form, folder=None):
     path : Path
         Not compressed.
     form : str
-        A key of `READERS`, from the file's name.
+        A key of `READERS`, derived from the file name.
     folder : Path, optional
-        Folder of the files that it references; by default its own.
+        Folder of the files that the mesh file references; by default its own folder.
 
     Returns
     -------
@@ -51,15 +51,15 @@ def read(path, form, folder=None):
     Raises
     ------
     FormatError
-        The message is a sentence without the file's name.
+        The file cannot be read. The message does not contain the file name.
     """
     content = content_of(path)
     if content in _OTHERS:
         raise FormatError(f"it is not a mesh but {_OTHERS[content]}")
-    same = {form, content} <= {"glb", "gltf"}  # one format, as binary or text
+    same = {form, content} <= {"glb", "gltf"}  # the same format, as binary or as text
     if content is not None and content != form and not same:
         raise FormatError(
-            f"its name says {form.upper()}, but its content is {content.upper()}: rename it to "
+            f"its name suggests {form.upper()}, but its content is {content.upper()}: rename it to "
             f".{content}"
         )
     with np.errstate(all="ignore"):  # a file may contain numbers of any size
@@ -110,5 +110,5 @@ def _zipped(path):
         with zipfile.ZipFile(path) as package:
             models = any(name.lower().endswith(".model") for name in package.namelist())
     except threemf.DAMAGED:
-        return None  # its reader reports the damage
+        return None  # the 3MF reader reports the damage
     return "3mf" if models else "zip"

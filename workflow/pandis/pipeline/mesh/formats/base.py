@@ -1,4 +1,4 @@
-"""Shared by the readers of all formats: results, errors, numbers and polygons."""
+"""Definitions shared by the readers of all formats: results, errors, numbers, polygons."""
 
 import re
 from typing import NamedTuple
@@ -7,17 +7,17 @@ import numpy as np
 
 #: Material name of faces without a material.
 UNNAMED = "none"
-#: A decimal number in the C locale, without words (nan, inf) or hexadecimals; a whole number.
+#: A decimal number in the C locale (no nan, inf or hexadecimal numbers); a whole number.
 NUMBER = re.compile(r"[+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]+)?")
 INTEGER = re.compile(r"[+-]?[0-9]{1,18}")
-#: Most triangles that a file may place: nested parts multiply, so a short file could fill a disk.
+#: Maximum number of placed triangles: nested parts multiply, so a short file could fill a disk.
 MOST = 50_000_000
 #: Advice at the end of messages about damaged files.
 AGAIN = "export it again"
 
 
 class FormatError(ValueError):
-    """A file violates its format or contains something unsupported; the message says what."""
+    """A file violates its format or has unsupported contents; the message describes the fault."""
 
 
 class Reading(NamedTuple):
@@ -28,11 +28,11 @@ class Reading(NamedTuple):
     vertices : ndarray, shape (V, 3), float64
     faces : ndarray, shape (F, 3), int64
     materials : ndarray, shape (F,), of text, or None
-        Names; `UNNAMED` for faces without one. None if the format has no materials.
+        Material names; `UNNAMED` for faces without a material. None if the format has none.
     notes : list of str
-        Contents that were left out, and interpretations that the user may want to know of.
+        Messages about omitted contents and about the interpretation of ambiguous contents.
     unit : str
-        The unit that the format declares, else ``unknown``.
+        The unit of length that the format or the file declares, else ``unknown``.
     """
 
     vertices: np.ndarray
@@ -72,7 +72,7 @@ def numbers(rows, where):
         Returns a row's place in the file, for messages, from its index.
     """
     try:
-        # everything else that float() accepts (nan, inf, 1_0) has other characters
+        # any other token that float() accepts (nan, inf, 1_0) contains other characters
         if not re.search(r"[^0-9eE.+\- ]", " ".join([" ".join(row) for row in rows])):
             values = np.array([[float(token) for token in row] for row in rows])
             if np.isfinite(values).all():
@@ -95,9 +95,9 @@ def lines_of(text):
 
 
 def words(line):
-    """Return the words of a line before a comment, which is a word that begins with ``#``.
+    """Return the words of a line up to its comment, which begins at a word that starts with ``#``.
 
-    Only ASCII spaces separate words.
+    Words are separated by ASCII white space only.
     """
     parts = line.split() if line.isascii() else re.findall(r"[^ \t\v\f]+", line)
     if "#" in line:
@@ -117,7 +117,7 @@ def triangles(vertices, polygons, where, first=0):
     where : callable
         Returns a polygon's place in the file, for messages, from its index.
     first : int
-        The format's index of the first vertex, for messages.
+        Index of the first vertex in the format (0 or 1), for messages.
 
     Returns
     -------
@@ -157,13 +157,13 @@ def joined(parts, notes=(), unit="unknown"):
 
 
 def _names(material):
-    """Return one material name, or one for each face, as an array; `UNNAMED` if missing."""
+    """Return a material name, or a list of one name per face, as an array; `UNNAMED` if missing."""
     if material is None or isinstance(material, str):
         return np.array(material or UNNAMED)
     return np.array([name or UNNAMED for name in material])
 
 
 def placed(vertices, faces, matrix):
-    """Transform a part by a matrix (4, 4); reverse faces that it mirrors."""
+    """Transform a part by a matrix (4, 4); reverse the faces if the matrix mirrors."""
     moved = vertices @ matrix[:3, :3].T + matrix[:3, 3]
     return moved, faces[:, ::-1] if np.linalg.det(matrix[:3, :3]) < 0 else faces

@@ -10,19 +10,19 @@ import numpy as np
 
 from pandis.pipeline.mesh.formats.base import AGAIN, MOST, FormatError, joined, placed
 
-#: Supported extensions that change triangles; then extensions that leave triangles unchanged.
+#: Supported extensions that affect triangles; then prefixes of extensions that do not.
 _QUANTIZATION, _INSTANCING = "KHR_mesh_quantization", "EXT_mesh_gpu_instancing"
 _HARMLESS = (
     "KHR_materials_", "KHR_texture_", "KHR_lights_punctual", "KHR_xmp", "KHR_animation_pointer",
     "EXT_texture_", "EXT_lights_", "MSFT_texture_", "MSFT_packing_", "KHR_node_visibility",
 )  # fmt: skip
-#: Extensions that compress triangles: one in primitives, two in buffer views.
+#: Extensions that compress triangles: the first in primitives, the others in buffer views.
 _PACKINGS = ("KHR_draco_mesh_compression", "EXT_meshopt_compression", "KHR_meshopt_compression")
 _TYPES = {5120: "<i1", 5121: "<u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", 5126: "<f4"}
 _UNSIGNED = (5121, 5123, 5125)
 _WIDTHS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4}
 _TRIANGLES, _STRIP, _FAN = 4, 5, 6
-#: Largest deviation of a quaternion's length from 1: quaternions stored as bytes are that coarse.
+#: Largest deviation of a quaternion's length from 1: allows for quaternions stored as bytes.
 _COARSE = 0.05
 
 
@@ -33,7 +33,7 @@ def read(path, folder=None):
     ----------
     path : Path
     folder : Path, optional
-        Folder of the buffers that it references; by default its own.
+        Folder of the buffers that the file references; by default its own folder.
 
     Returns
     -------
@@ -52,7 +52,7 @@ def read(path, folder=None):
     except (KeyError, IndexError, TypeError, ValueError, AttributeError, ArithmeticError) as error:
         if isinstance(error, FormatError):
             raise
-        reason = f"it lacks {error}" if isinstance(error, KeyError) else str(error)
+        reason = f"{error} is missing" if isinstance(error, KeyError) else str(error)
         raise FormatError(f"its JSON is not a glTF scene ({reason[:100]}); {AGAIN}") from error
 
 
@@ -114,7 +114,7 @@ class _Scene:
         )
 
     def notes(self):
-        """Return the notes on omissions, each once."""
+        """Return the notes on omitted contents, without repetitions."""
         return list(dict.fromkeys(self._notes))
 
     def item(self, kind, index):
@@ -147,7 +147,7 @@ class _Scene:
         return pieces
 
     def _nodes(self):
-        """Yield the nodes of the scene, each with its matrix."""
+        """Yield each node of the scene with its global matrix (4, 4)."""
         nodes = self.document.get("nodes", [])
         if len(self.document.get("scenes", [])) > 1:
             self._notes.append("it has several scenes; only the default one is read")
@@ -172,7 +172,7 @@ class _Scene:
             waiting += [(child, matrix, (*path, index)) for child in below]
 
     def _instances(self, node):
-        """Return the matrices of a node's instances; the identity if it declares none."""
+        """Return the matrices (4, 4) of a node's instances; the identity if it declares none."""
         extension = node.get("extensions", {}).get(_INSTANCING)
         if extension is None:
             return [np.eye(4)]
@@ -228,7 +228,7 @@ class _Scene:
         return vertices, self._faces(corners, mode), name
 
     def _indices(self, index):
-        """Return an accessor's values (count,) as indices."""
+        """Return the values (count,) of an accessor that contains indices."""
         entry = self.item("accessors", index)
         unsigned = entry["componentType"] in _UNSIGNED and not entry.get("normalized", False)
         if not unsigned or entry["type"] != "SCALAR":
@@ -238,7 +238,7 @@ class _Scene:
     def _faces(self, corners, mode):
         if mode == _TRIANGLES:
             if len(corners) % 3:
-                raise FormatError(f"{len(corners)} corners, not a multiple of three; {AGAIN}")
+                raise FormatError(f"{len(corners)} corners are not a multiple of three; {AGAIN}")
             return corners.reshape(-1, 3)
         if mode == _FAN:
             first = np.full(max(len(corners) - 2, 0), corners[0] if len(corners) else 0)
@@ -268,7 +268,7 @@ class _Scene:
             raise FormatError(f"{where}: {bad} of {count} values are NaN or infinite; {AGAIN}")
         values = values.astype(np.float64)
         if entry.get("normalized", False) and kind.kind in "iu":
-            # the lowest signed integer would be less than -1
+            # the lowest signed integer would map to less than -1
             values = np.maximum(values / np.iinfo(kind).max, -1.0)
         return values
 
@@ -360,7 +360,7 @@ def _local(node):
 
 
 def _matrix(move, turn, size):
-    """Return the matrix of a translation, a quaternion (x, y, z, w), and a scale."""
+    """Return the matrix (4, 4) of a translation, a quaternion (x, y, z, w), and a scale."""
     turn = np.asarray(turn, np.float64)
     length = np.linalg.norm(turn)
     if not abs(length - 1) < _COARSE:

@@ -17,9 +17,9 @@ from pandis.pipeline.mesh.formats.base import (
 from pandis.pipeline.mesh.formats.base import triangles as cut
 from pandis.pipeline.mesh.formats.base import words as words_of
 
-#: Statements of free-form geometry, which only a modeller can evaluate.
+#: Statements of free-form geometry, which is not supported.
 _FREE_FORM = {"surf", "curv", "curv2", "cstype"}
-#: A statement's name. A line that begins otherwise has lost its beginning.
+#: Name of a statement. A line that begins with anything else is damaged.
 _STATEMENT = re.compile(r"[A-Za-z_][A-Za-z0-9_.]*")
 #: A corner of a face: indices of its vertex and, optionally, texture coordinate and normal.
 _CORNER = re.compile(r"(-?[0-9]{1,18})(/(-?[0-9]+)?){0,2}")
@@ -28,13 +28,13 @@ _CORNER = re.compile(r"(-?[0-9]{1,18})(/(-?[0-9]+)?){0,2}")
 def read(path, folder=None):
     """Read positions, polygons and material names of an OBJ file.
 
-    Relative indices count back from the vertices read so far.
+    Negative indices count back from the last vertex read so far.
 
     Parameters
     ----------
     path : Path
     folder : Path, optional
-        Folder of the files that it references; not used, as OBJ needs none.
+        Folder of referenced files; not used, because no other file is read.
 
     Returns
     -------
@@ -93,12 +93,12 @@ _SILENT = frozenset(
 
 
 def _is_place(words):
-    """Return whether words are three or more numbers."""
+    """Return whether all words are numbers, and there are at least three."""
     return len(words) > 2 and all(NUMBER.fullmatch(word) for word in words)
 
 
 def _statements(text):
-    """Yield each line's number and words; a backslash at its end continues it."""
+    """Yield the line number and the words of each statement; a final backslash continues a line."""
     begun, first = [], 0
     for line, content in enumerate(lines_of(text), 1):
         if content.endswith("\\"):

@@ -14,7 +14,7 @@ from pandis.pipeline.mesh.formats.base import (
 )
 from pandis.pipeline.mesh.formats.base import triangles as cut
 
-#: A file's first word. ModelNet's files have the first count directly after it, without a space.
+#: The first word of a file. In ModelNet's files the first count follows it without a space.
 _HEAD = re.compile(r"(ST)?(C)?(N)?(4)?(n)?OFF")
 
 
@@ -66,7 +66,7 @@ def read(path, folder=None):
 
 
 def _take_head(lines):
-    """Remove the first word; reject binary files and dimensions other than three."""
+    """Remove the format keyword; reject binary files and dimensions other than three."""
     if not lines:
         raise FormatError(f"it is empty; {AGAIN}")
     line, row = lines[0]
@@ -94,10 +94,10 @@ def _check_amount(lines, count, declared):
 
 
 def _regrouped(lines, count, declared):
-    """Return a row for each vertex and face of a file that splits rows over several lines.
+    """Return one row per vertex and face of a file whose rows may span several lines.
 
-    No line may contain parts of two rows, and rows may contain only positions and corners:
-    with further numbers it would be unclear where a row ends.
+    No line may contain parts of two rows. Rows may contain only positions and corners,
+    because further numbers would make the end of a row ambiguous.
     """
     waiting, rows = iter(lines), []
     try:

@@ -22,12 +22,12 @@ _TYPES = {
     "int32": "i4", "uint32": "u4", "float32": "f4", "float64": "f8",
 }  # fmt: skip
 _ORDERS = {"ascii": "", "binary_little_endian": "<", "binary_big_endian": ">"}
-#: Possible names of the list of a face's corners.
+#: Possible names of the list property with a face's corners.
 _CORNERS = ("vertex_indices", "vertex_index")
 
 
 class Element(NamedTuple):
-    """A kind of row: its name, its count, and its properties (name, type, list length's type)."""
+    """An element: name, number of rows, and properties (name, type, list length's type or None)."""
 
     name: str
     count: int
@@ -113,7 +113,7 @@ def _header(data):
 
 
 def _property(row, where):
-    """Return a property's name, its type, and the type of its list length."""
+    """Return a property's name, its type, and the type of its list length (None: no list)."""
     least = 2 if row[1:2] == ["list"] else 1
     kinds, name = row[least : 2 * least], row[-1]
     if len(row) != 2 * least + 1 or any(kind not in _TYPES for kind in kinds):
@@ -145,7 +145,7 @@ def _check_sizes(lists):
 
 
 def _strips(lists):
-    """Return the triangles of strips, which end with -1."""
+    """Return the triangles of strips; -1 ends a strip."""
     faces = []
     for strip in lists:
         run = []
@@ -176,8 +176,8 @@ class _Text:
         rows = self.lines[self.place : self.place + element.count]
         if len(rows) < element.count:
             raise FormatError(
-                f"its header declares {element.count:,} of {element.name}, but {len(rows):,} lines "
-                f"follow; it is truncated or damaged: {AGAIN}"
+                f"its header declares {element.count:,} {element.name} rows, but {len(rows):,} "
+                f"lines follow; it is truncated or damaged: {AGAIN}"
             )
         self.place += element.count
         if all(size is None for _, _, size in element.properties):
@@ -218,7 +218,7 @@ class _Text:
         return dict(zip(names, values.reshape(-1, len(names)).T, strict=True))
 
     def finish(self, notes):
-        """Check that nothing is left."""
+        """Raise if lines are left."""
         left = len(self.lines) - self.place
         if left:
             raise FormatError(
@@ -250,7 +250,7 @@ class _Binary:
         return columns
 
     def _uniform(self, element):
-        """Return the columns if all rows' lists are as long as the first row's, else None."""
+        """Return the columns if the lists of all rows have the same lengths, else None."""
         sizes, place = {}, self.place
         for name, kind, size in element.properties:
             if size:
@@ -274,8 +274,8 @@ class _Binary:
             if not sizes:
                 there = (len(self.data) - self.place) // record.itemsize
                 raise FormatError(
-                    f"its header declares {element.count:,} of {element.name}, but there are only "
-                    f"{there:,}; it is truncated: {AGAIN}"
+                    f"its header declares {element.count:,} {element.name} rows, but there are "
+                    f"only {there:,}; it is truncated: {AGAIN}"
                 )
             return None
         rows = np.frombuffer(self.data, record, element.count, self.place)
@@ -311,12 +311,12 @@ class _Binary:
 
     def _cut(self, element, index):
         return FormatError(
-            f"its header declares {element.count:,} of {element.name}, but it ends at number "
+            f"its header declares {element.count:,} {element.name} rows, but it ends in row "
             f"{index + 1:,}; it is truncated, or its counts are wrong: {AGAIN}"
         )
 
     def finish(self, notes):
-        """Check that nothing is left."""
+        """Raise if data is left; only add a note if it is blank."""
         left = len(self.data) - self.place
         if left and self.data[self.place :].strip(b"\0\r\n "):
             raise FormatError(

@@ -6,7 +6,7 @@ import numpy as np
 
 from pandis.pipeline.mesh.formats.base import AGAIN, FormatError, Reading, number, numbers
 
-#: Bytes before the triangles of a binary file, and of each triangle.
+#: Bytes of a binary file's header, and of each triangle.
 _HEAD, _EACH = 84, 50
 _RECORD = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
 #: The words of a facet; each "." represents a number.
@@ -90,7 +90,7 @@ def _text(text):
 
 
 def _check_normals(columns, where, notes):
-    """Add a note if normals are not numbers: they are not used, but were written incorrectly."""
+    """Add a note if some normals are not numbers; normals are checked, but not used."""
     try:
         numbers(list(zip(*columns, strict=True)), where)
     except FormatError as error:
@@ -98,7 +98,7 @@ def _check_normals(columns, where, notes):
 
 
 def _line_of(body, index):
-    """Return the line number of a word, from its index."""
+    """Return the line number of the word at an index."""
     for line, content in enumerate(body.split("\n"), 1):
         index -= len(content.split())
         if index < 0:

@@ -1,7 +1,7 @@
 """3MF: the build items of a package, with the production extension.
 
-lib3mf, the consortium's own reader, stores coordinates in single precision; this reader uses double
-precision.
+The 3MF consortium's own reader, lib3mf, stores coordinates in single precision; this reader stores
+them in double precision.
 """
 
 import lzma
@@ -26,7 +26,7 @@ _CORE = "http://schemas.microsoft.com/3dmanufacturing/core/2015/02"
 _PRODUCTION = "http://schemas.microsoft.com/3dmanufacturing/production/2015/06"
 #: Type of the relationship from a package to its root model.
 _START = "http://schemas.microsoft.com/3dmanufacturing/2013/01/3dmodel"
-#: Extensions that a file may require: they are read, or change no triangle.
+#: Extensions that a file may require: they are supported, or do not affect triangles.
 _READ = (_CORE, _PRODUCTION, "http://schemas.microsoft.com/3dmanufacturing/material/2015/02",
          "http://schemas.microsoft.com/3dmanufacturing/trianglesets/2021/07")  # fmt: skip
 #: Names of other extensions, for messages.
@@ -42,7 +42,7 @@ _UNITS = {
     "meter": "m",
 }  # fmt: skip
 _LARGEST = 1 << 30
-#: Exceptions that a damaged package may raise, wherever the damage is. zipfile raises RuntimeError
+#: Exceptions that reading a damaged package may raise. zipfile raises RuntimeError
 #: for compression and encryption methods that it does not support.
 DAMAGED = (
     zipfile.BadZipFile, zlib.error, lzma.LZMAError, EOFError, OSError, ValueError, RuntimeError,
@@ -50,7 +50,7 @@ DAMAGED = (
 
 
 def read(path, folder=None):
-    """Read the build items of a 3MF package and their components, each placed.
+    """Read the build items of a 3MF package with their components, transformed into place.
 
     Parameters
     ----------
@@ -77,7 +77,7 @@ def read(path, folder=None):
 
 
 class _Package:
-    """A package with its model files, each parsed once."""
+    """A package; each of its model files is parsed once."""
 
     def __init__(self, package):
         self.package, self._models, self.notes = package, {}, []
@@ -122,7 +122,7 @@ class _Package:
         build = root.tree.find(_tag("build"))
         items = [] if build is None else build.findall(_tag("item"))
         if not items:
-            raise FormatError(f"the package builds nothing (its build has no items); {AGAIN}")
+            raise FormatError(f"the build element of the package has no items; {AGAIN}")
         parts = []
         for item in items:
             part = _absolute(item.get(f"{{{_PRODUCTION}}}path"), root.part)
@@ -135,7 +135,7 @@ class _Package:
         return joined(parts, self.notes, _UNITS[unit])
 
     def _built(self, part, identity, matrix, above):
-        """Return the meshes of an object and of its components, each placed."""
+        """Return the meshes of an object and of its components, transformed by ``matrix``."""
         model = self.model(part)
         element = model.objects.get(identity)
         if element is None:
@@ -237,7 +237,7 @@ def _tag(name):
 
 
 def _absolute(target, base):
-    """Return the absolute name of a part; without a target, the base itself."""
+    """Return the absolute name of a part; the base itself if ``target`` is empty."""
     return posixpath.normpath(posixpath.join(posixpath.dirname(base), target)) if target else base
 
 

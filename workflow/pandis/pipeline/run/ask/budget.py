@@ -1,20 +1,20 @@
-"""Limits on a field's errors: amounts of force as users write them, and as they are compared.
+"""Limits on a field's errors: the user's amounts of force, converted to the unit frame.
 
-Planning reads budgets, too, so this module imports neither torch nor trimesh.
+Planning uses this module, so it imports neither torch nor trimesh.
 """
 
 import math
 import re
 from typing import NamedTuple
 
-#: An amount of force as text: in mN or N at the configured device, or as a share of the mean force.
+#: Pattern of an amount of force: in mN or N on the configured device, or in % of the mean force.
 AMOUNT = r"\d+(\.\d*)?([eE][+-]?\d+)? *(mN|N|%)"
-#: Default limit of the tail, as a multiple of the mean's.
+#: Default limit of the tail (99th percentile), as a multiple of the limit of the mean.
 TAIL = 10.0
 
 
 def amount(value):
-    """Return a number and its unit: ``mN``, ``N``, ``%``, or an empty text for the unit frame.
+    """Return the number and unit of an amount: ``mN``, ``N``, ``%``, or empty for the unit frame.
 
     Raises
     ------
@@ -54,22 +54,22 @@ class Limits(NamedTuple):
 
     @classmethod
     def of(cls, target, newtons, mean_force):
-        """Return the limits of options with ``force_error``, ``tail`` and ``missed``.
+        """Return the limits set by the options ``force_error``, ``tail`` and ``missed``.
 
         Parameters
         ----------
         target : BudgetOptions, GridTarget or ExactRecipe
         newtons : float
-            Newtons per force of the unit frame at k = 1.
+            Newtons per unit of force in the unit frame (k = 1).
         mean_force : float
-            The exact force's mean on the contact set, unit frame.
+            Mean of the exact force on the contact set, unit frame.
         """
         mean, tail = _in_unit_frame(target.force_error, newtons, mean_force), target.tail
         tail = TAIL * mean if tail is None else _in_unit_frame(tail, newtons, mean_force)
         return cls(mean, tail, target.missed)
 
     def excess(self, figures):
-        """Return the worst ratio of the three figures to their limits.
+        """Return the largest ratio of a figure to its limit; infinity if a figure is NaN.
 
         Parameters
         ----------
@@ -95,7 +95,7 @@ def describe_force(force, newtons, mean_force):
 
 
 def describe_figures(figures, newtons, mean_force):
-    """Describe a field's figures: mean, tail, surface that lacks the force or is too thin."""
+    """Describe a field's errors: mean, tail, and surface without force or too thin to judge."""
     lacks = (
         f"lacks the force on {100 * figures['missing']:.3g} % of the surface "
         f"({100 * figures['left_out']:.3g} % of it is too thin to be judged)"

@@ -8,14 +8,14 @@ from pandis.pipeline.run.ask.kinds import KINDS
 MESH_NAME = "[a-z][a-z0-9_-]*"
 #: Folders of ``results/`` that are not meshes.
 RESERVED_NAMES = ("logs", "benchmarks", "scenes", "native")
-#: All forms of fields, in the order of tables.
+#: All forms of fields, in the order in which tables list them.
 FORMS = (*(form for kind in KINDS.values() for form in kind.forms), AUTO)
-#: The kind of a form.
+#: Kind of each form.
 KIND_OF = {form: kind for kind in KINDS.values() for form in kind.forms}
 #: Forms for which `bake.auto` may set a target, and the default targets.
 SIZED = tuple(form for kind in KINDS.values() for form in kind.sized)
 TARGETS = {form: target for kind in KINDS.values() for form, target in kind.targets.items()}
-#: Names that an error lists as known.
+#: Field names that an error message lists as known.
 EXAMPLES = (
     *(example for kind in KINDS.values() for example in kind.examples),
     *(f"{form}-{AUTO}" for form in TARGETS),
@@ -24,22 +24,22 @@ EXAMPLES = (
 
 
 def is_builtin_field(name):
-    """Return whether ``name`` belongs to a field that is not a recipe."""
+    """Return whether ``name`` names a built-in field: one that is not a recipe."""
     if re.fullmatch(rf"({'|'.join(SIZED)})-(\d+|auto)", name):
         return True
     try:
         parse_field(name, ())
     except UnknownFieldError as error:
-        return error.name != name  # a field tracked on an unknown one
+        return error.name != name  # true for a field tracked on an unknown field
     except ValueError:
         return True
     return True
 
 
 def in_order(names, recipes):
-    """Return names of fields in the order of the kinds, then by form, by size and by name.
+    """Return field names sorted by kind, form, size and name.
 
-    So the order in a configuration changes no result.
+    Sorting makes the results independent of the order in the configuration.
 
     Parameters
     ----------

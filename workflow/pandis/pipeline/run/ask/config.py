@@ -56,7 +56,7 @@ class StageOptions(Options):
             "pandis",
             "pandis-exact",
         ],
-        description="what to build and compare: "
+        description="fields to build and compare: "
         + ", ".join(kind.help for kind in KINDS.values() if kind.help)
         + "; `fields: auto`, as the only entry, builds the one field that `budget` describes",
     )
@@ -158,23 +158,23 @@ class MeshEntry(StageOptions):
 class SceneObject(Options):
     """An object of a scene."""
 
-    mesh: str = Field(description="one of `meshes`")
+    mesh: str = Field(description="name of one of the `meshes`")
     field: str = Field(
-        description="one of its fields; it need not be listed under `fields`, but must have a file "
-        "for `pandis.h`"
+        description="name of a field of that mesh; it need not be listed under `fields`, but needs "
+        "a file for `pandis.h`"
     )
     position: tuple[Place, Place, Place] = Field(
-        (0.0, 0.0, 0.0), description="position of its box's centre (m)"
+        (0.0, 0.0, 0.0), description="position of the centre of its bounding box, m"
     )
     rotation: tuple[Angle, Angle, Angle] = Field(
         (0.0, 0.0, 0.0),
         description="rotation vector: its direction is the axis, its length the angle in degrees",
     )
     size: Annotated[float, Field(ge=1e-3, le=10)] | None = Field(
-        None, description="length of its longest side (m); null: `device.size` of its mesh"
+        None, description="length of its longest side, m; null: `device.size` of its mesh"
     )
     stiffness: Annotated[float, Field(ge=0, allow_inf_nan=False)] | None = Field(
-        None, description="N/m; null: `device.stiffness` of its mesh"
+        None, description="its stiffness, N/m; null: `device.stiffness` of its mesh"
     )
 
 
@@ -182,17 +182,17 @@ class SceneOptions(Options):
     """Several objects under one probe. With scenes, `all` builds only what they need."""
 
     objects: Annotated[dict[str, SceneObject], Field(min_length=1)] = Field(
-        description="name: {mesh: …, field: …, and its placement}"
+        description="objects by name, as {mesh: …, field: …, and its placement}"
     )
     ticks: Annotated[int, Field(ge=1, le=10_000_000)] = Field(
-        20_000, description="ticks of the trial walk through the scene"
+        20_000, description="ticks of the trial path through the scene"
     )
-    speed: Positive = Field(0.5, le=10, description="speed of the probe on that walk, m/s")
-    radius: float = Field(0.0, ge=0, le=0.1, description="radius of the probe, m, with proxies")
+    speed: Positive = Field(0.5, le=10, description="speed of the probe on that path, m/s")
+    radius: float = Field(0.0, ge=0, le=0.1, description="radius of the probe, m; used by proxies")
     contact: SurfaceOptions | None = Field(
         None,
         description="how its objects feel: the options of `contact`, without those of the probe; "
-        "null: as their meshes do",
+        "null: as in their meshes' options",
     )
 
 
@@ -206,8 +206,8 @@ class Config(StageOptions):
 
     results: ResultsFolder = Field(
         "results",
-        description="folder of all outputs of a run, relative to the working directory: with a "
-        "separate folder for each, configurations do not rebuild each other's meshes",
+        description="folder of all outputs of a run, relative to the working directory; "
+        "configurations with separate folders do not rebuild each other's meshes",
     )
 
     until: Literal["exports"] | None = Field(
@@ -224,7 +224,7 @@ class Config(StageOptions):
 
 
 def plain(value):
-    """Return ``value`` as sorted plain dicts, lists and scalars, fit for a rule's params."""
+    """Return ``value`` as plain sorted dicts, lists and scalars, suitable as a rule's params."""
     if isinstance(value, BaseModel):
         value = value.model_dump()
     if isinstance(value, dict):

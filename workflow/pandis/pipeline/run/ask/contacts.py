@@ -6,17 +6,17 @@ from pydantic import Field, field_validator, model_validator
 
 from pandis.pipeline.run.ask.values import Options, Positive
 
-#: Least ratio of a texture's length to its height, which limits slopes to 0.65.
+#: Smallest ratio of a texture's length to its height. It limits slopes to 0.65.
 _STEEPEST = 5
 
 
 class TextureOptions(Options):
-    """Bumps or waves on the surface, felt through a proxy."""
+    """Bumps or waves on the surface, which are felt through a proxy."""
 
     kind: Literal["noise", "waves", "smooth"] = Field(
         "noise",
         description="`noise`: pseudo-random bumps; `waves`: waves along `direction`; `smooth`: "
-        "none, for a material of an object that has a texture",
+        "no texture, for a material of an object that has one",
     )
     height: Positive = Field(
         1e-4, le=0.01, description="largest height, m; at most a fifth of the length"
@@ -25,14 +25,14 @@ class TextureOptions(Options):
         2e-3, le=1, description="distance from one bump or wave to the next, m"
     )
     direction: tuple[float, float, float] = Field(
-        (1.0, 0.0, 0.0), description="direction from wave to wave, in the mesh's coordinates"
+        (1.0, 0.0, 0.0), description="direction from wave to wave, in mesh coordinates"
     )
 
     @model_validator(mode="after")
     def _can_be_followed(self):
         if self.height > self.length / _STEEPEST:
             raise ValueError(
-                f"height is at most length / {_STEEPEST}: a proxy cannot follow steeper slopes"
+                f"height must be at most length / {_STEEPEST}: a proxy cannot follow steeper slopes"
             )
         return self
 
@@ -52,14 +52,14 @@ class MaterialOptions(Options):
         ge=0,
         le=100,
         allow_inf_nan=False,
-        description="static friction: force along the surface per force against it",
+        description="coefficient of static friction: tangential force over normal force",
     )
     sliding: float | None = Field(
         None,
         ge=0,
         le=100,
         allow_inf_nan=False,
-        description="sliding friction, at most `sticking`; null: the same",
+        description="coefficient of sliding friction, at most `sticking`; null: the same",
     )
     damping: float = Field(
         0.0,
@@ -72,8 +72,8 @@ class MaterialOptions(Options):
     )
     texture: TextureOptions | None = Field(
         None,
-        description="bumps or waves on the surface; null: none, or for a material that of the "
-        "whole object",
+        description="bumps or waves on the surface; null: none, or, for a material, the texture of "
+        "the whole object",
     )
 
     @model_validator(mode="after")
@@ -84,7 +84,7 @@ class MaterialOptions(Options):
 
 
 class SurfaceOptions(MaterialOptions):
-    """How an object is felt: through a proxy that no wall lets through, or by penalty forces.
+    """How an object feels: through a proxy that cannot pass through walls, or by penalty forces.
 
     Each material that a mesh file names can have its own friction, damping and texture, with the
     same options as any other surface.
@@ -92,9 +92,9 @@ class SurfaceOptions(MaterialOptions):
 
     kind: Literal["proxy", "penalty"] = Field(
         "proxy",
-        description="the force that drives a device. `proxy`: it pulls the probe to a proxy that "
-        "stays outside, so that thin parts hold and surfaces have friction; `penalty`: the "
-        "paper's, -k·distance·normal, and no proxy is tested. Fields without a distance outside "
+        description="force that drives a device. `proxy`: a spring to a proxy that stays outside, "
+        "so that thin parts resist and surfaces have friction; `penalty`: the paper's force, "
+        "-k·distance·normal; no proxy is tested. Fields without a distance outside "
         "(`nearest`, `trilinear`) have only penalty forces. Errors are always those of penalty "
         "forces",
     )
@@ -117,6 +117,6 @@ class ContactOptions(SurfaceOptions):
     )
     queries: Annotated[int, Field(ge=8, le=1000)] | None = Field(
         None,
-        description="largest number of field queries per tick; the next tick continues the rest. "
-        "null: as many as fit into half of `hardware.deadline` on this machine, from 8 to 24",
+        description="largest number of field queries per tick; the next tick makes the rest. "
+        "null: the number that fits into half of `hardware.deadline` here, from 8 to 24",
     )

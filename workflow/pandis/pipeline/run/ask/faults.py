@@ -1,4 +1,4 @@
-"""Every fault of a configuration at once, each with its dotted path and what to do."""
+"""Collects all faults of a configuration, each with its dotted path and what to do."""
 
 import difflib
 import re
@@ -20,7 +20,7 @@ from pandis.pipeline.run.ask.recipes import ExactRecipe, PaperRecipe
 
 
 def stage_faults(model, values):
-    """Map dotted path to message for all faults of stages' options, including field names."""
+    """Return the faults of stages' options, including field names, as messages by dotted path."""
     faults = faults_of(model, values)
     for key, message in name_faults(values):
         faults.setdefault(key, message)
@@ -39,7 +39,7 @@ def raise_faults(faults):
 
 
 def faults_of(model, values):
-    """Map dotted path to message for everything in ``values`` that ``model`` rejects."""
+    """Return the faults that ``model`` finds in ``values``, as messages by dotted path."""
     try:
         model.model_validate(values)
     except ValidationError as error:
@@ -53,13 +53,13 @@ def name_faults(values):
     names = values.get("fields", StageOptions.model_fields["fields"].default)
     names = [names] if isinstance(names, str) else names
     if not isinstance(recipes, dict) or not isinstance(names, list):
-        return  # the models report this
+        return  # the models report wrong types
     for name in recipes:
         if not re.fullmatch(MESH_NAME, str(name)) or is_builtin_field(str(name)):
             yield (
                 f"train.{name}",
-                "a recipe's name is made of a-z, 0-9, - and _ and is not that of a built-in "
-                "field: rename it",
+                "a recipe's name must start with a-z, contain only a-z, 0-9, - and _, and not be "
+                "that of a built-in field: rename it",
             )
     known = {"pandis": None, "pandis-exact": None} | recipes
     if AUTO in names and len(names) > 1:
@@ -79,13 +79,12 @@ def name_faults(values):
         if spec.kind == AUTO and not (isinstance(budget, dict) and budget.get("force_error")):
             yield (
                 f"fields.{index}",
-                "auto needs to know what to achieve: add budget.force_error, such as 0.001",
+                "auto needs a target: add budget.force_error, such as 0.001",
             )
         if spec.size == AUTO and spec.form not in _targets(values):
             yield (
                 f"fields.{index}",
-                f"{spec.name} needs to know what to achieve: add bake.auto.{spec.form}, with "
-                "force_error or bytes",
+                f"{spec.name} needs a target: add bake.auto.{spec.form}, with force_error or bytes",
             )
 
 
@@ -122,7 +121,7 @@ def _describe(fault, model):
         value = fault.get("input")
         if not isinstance(value, dict | list | BaseModel) and path:
             message += f" (given: {value!r})"
-    # a cross-check names its key itself
+    # the message of a cross-check begins with its key
     if fault["type"] == "value_error" and (match := re.match(r"([a-z][\w.-]*): ", message)):
         path.append(match[1])
         message = message[match.end() :]

@@ -1,11 +1,11 @@
-"""Kinds of fields as planning sees them: names and options, and no code that answers queries."""
+"""Kinds of fields for planning: their names and options, without the code for queries."""
 
 from typing import ClassVar, NamedTuple
 
 from pandis.pipeline.run.ask.targets import DeviceOptions, GridTarget
 from pandis.pipeline.run.ask.values import Options
 
-#: Name of a size that is searched for, and of the field that only a budget describes.
+#: Stands for a size that is searched for; also the name of the field described by `budget`.
 AUTO = "auto"
 
 
@@ -17,7 +17,7 @@ class FieldSpec(NamedTuple):
     name : str
         As the user wrote it.
     kind : str
-        A key of `pandis.pipeline.run.ask.kinds.KINDS`; AUTO if only the artifact knows the kind.
+        A key of `pandis.pipeline.run.ask.kinds.KINDS`; AUTO if only the artifact states the kind.
     form : str
         Variety within its kind, as named in the tables of times, targets and colours.
     artifact : str
@@ -29,9 +29,9 @@ class FieldSpec(NamedTuple):
     native : bool
         Whether it has a file for ``pandis.h``, ``results/{mesh}/export/{name}.pandis``.
     distances : bool
-        Whether it knows distances outside of the surface.
+        Whether it has distances outside the surface.
     through : FieldSpec or None
-        The field that a contact point is tracked on.
+        The field on which a contact point is tracked; None for all other fields.
     """
 
     name: str
@@ -51,13 +51,13 @@ class FieldSpec(NamedTuple):
 
 
 class BuildTask(Options):
-    """Build the data from which fields of a kind are answered."""
+    """Build the data of fields of a kind."""
 
     kind: str
 
 
 class SearchTask(BuildTask):
-    """Search for the size of a field, and build it; the band is that of grids (unit frame)."""
+    """Search for a field's size and build the field; ``band`` is that of grids (unit frame)."""
 
     form: str
     target: GridTarget
@@ -67,7 +67,7 @@ class SearchTask(BuildTask):
 
 
 class Kind:
-    """A kind of field, as planning sees it; `pandis.pipeline.kinds` describes the rest of it.
+    """The names and options of a kind of field; `pandis.pipeline.kinds` contains its code.
 
     Attributes
     ----------
@@ -76,9 +76,9 @@ class Kind:
     help : str
         Notation of its field names, for the table of options.
     forms : tuple of str
-        In the order of tables.
+        Forms of its fields, in the order in which tables list them.
     examples : tuple of str
-        Names of fields that an error lists as known.
+        Field names that an error message lists as known.
     sized : tuple of str
         Forms for which `bake.auto` may set a target.
     targets : dict of str to dict
@@ -86,13 +86,13 @@ class Kind:
     chosen : bool
         Whether `fields: auto` tries it; the list of kinds goes from cheap to expensive.
     regions : bool
-        Whether its files know the material at a place.
+        Whether its files contain the material of each place on the surface.
     colours : dict of str to str
         Colours in figures, by form.
     growth : float
-        Least exponent with which a query's time grows with its work beyond the table of times.
+        Beyond the table of times, a query's time grows at least as its work to this power.
     task, search : type
-        Models of the options for building it: with a given size, and with one to be searched for.
+        Models of the options for building it with a given size, and with a size to be found.
     """
 
     name = help = ""
@@ -120,7 +120,7 @@ class Kind:
         return None
 
     def parse_recipe(self, name):
-        """Return the `FieldSpec` of a recipe's name, for a kind that is trained; else None."""
+        """Return the `FieldSpec` of a recipe's name; None if the kind is not trained."""
         return None
 
     def options(self, job, spec):
@@ -145,11 +145,11 @@ class Kind:
         return self.task(kind=self.name)
 
     def unused(self, options):
-        """Return modules that a stage imports but, with these options, never runs."""
+        """Return the modules that a stage imports but does not run with these options."""
         return []
 
     def work(self, size):
-        """Return the work that a query's time depends on, from a size of the table of times."""
+        """Return the work that determines a query's time, given a size as in the table of times."""
         return size
 
     def stream(self, spec):

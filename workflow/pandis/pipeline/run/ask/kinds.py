@@ -2,12 +2,12 @@
 
 Kinds are loaded by name, because planning needs only the names and options of each, and a stage
 only the modules that it runs. `kind_module(kind, "file")` is the module ``file`` in a kind's
-folder; `pandis.pipeline.run.job.provenance` follows such calls as it follows imports.
+folder; `pandis.pipeline.run.job.provenance` treats such calls like imports.
 """
 
 from importlib import import_module
 
-#: From cheap to expensive to build; tables list fields in this order.
+#: Kinds by building cost, the cheapest first. Tables list fields in this order.
 _NAMES = ("exact", "compact", "grid", "spline", "network", "paper")
 
 
@@ -20,6 +20,6 @@ KINDS = {name: kind_module(name, "spec").KIND for name in _NAMES}
 
 
 def build_task(kind, **options):
-    """Return the options for building a field, as the model that a stage gets as `options`."""
+    """Return the options for building a field: the kind's `search` with a target, else `task`."""
     model = KINDS[kind].search if "target" in options else KINDS[kind].task
     return model(kind=kind, **options)

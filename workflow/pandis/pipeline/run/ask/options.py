@@ -40,11 +40,11 @@ class MeshOptions(Options):
     max_hole_edges: int = Field(500, ge=0, description="a hole with more edges is not small")
     open: Literal["refuse", "cap", "thicken"] = Field(
         "refuse",
-        description="what to do with a surface whose holes are not small: `refuse` it, `cap` the "
+        description="treatment of a surface whose holes are not small: `refuse` it, `cap` the "
         "holes anyway, or `thicken` it to a wall of `thickness`",
     )
     thickness: Positive = Field(
-        0.01, le=0.2, description="thickness of that wall, as a share of the diagonal"
+        0.01, le=0.2, description="thickness of the `thicken` wall, as a share of the diagonal"
     )
     nested: Literal["cavity", "solid"] = Field(
         "cavity",
@@ -58,11 +58,11 @@ class MeshOptions(Options):
         "farther than this share of the diagonal (without caps of holes and walls inside the "
         "solid)",
     )
-    deviation_max: float = Field(0.03, ge=0, description="the same for all of the surface")
-    rung_seconds: Positive = Field(240.0, description="time limit of each rung")
-    rung_memory_gb: Positive = Field(3.0, description="memory limit of each rung")
-    reader_seconds: Positive = Field(120.0, description="time limit of the reader")
-    reader_memory_gb: Positive = Field(3.0, description="memory limit of the reader")
+    deviation_max: float = Field(0.03, ge=0, description="the same limit for the whole surface")
+    rung_seconds: Positive = Field(240.0, description="time limit of each rung, s")
+    rung_memory_gb: Positive = Field(3.0, description="memory limit of each rung, GiB")
+    reader_seconds: Positive = Field(120.0, description="time limit of the reader, s")
+    reader_memory_gb: Positive = Field(3.0, description="memory limit of the reader, GiB")
 
 
 class SampleOptions(Options):
@@ -83,8 +83,8 @@ class SampleOptions(Options):
     bent: int = Field(
         250_000,
         ge=0,
-        description="points below the surface, up to eight times denser where it bends (angles "
-        "between neighbouring faces, per 0.05 of length)",
+        description="points below the surface, up to eight times denser where it is curved (by "
+        "angles between neighbouring faces per 0.05 of length)",
     )
     depth: Positive = Field(0.045, description="largest depth below the surface")
     core: int = Field(
@@ -182,37 +182,37 @@ class EvaluationOptions(Options):
     probes: Annotated[int, Field(ge=100)] = Field(50_000, description="points of each probe set")
     paths: Count = Field(
         1,
-        description="trajectories that errors are measured on; for more than one, the report gives "
+        description="trajectories on which errors are measured; if more than one, the report gives "
         "means with 95 % intervals",
     )
 
 
 class StressOptions(Options):
-    """The stress suite: every field with a simulated device and hand, by default a Touch."""
+    """The stress suite, with a simulated hand and device, by default a Touch."""
 
     mass: Positive = Field(0.045, description="moving mass at the tip, kg")
     damping: float = Field(0.1, ge=0, description="viscous damping of the device, Ns/m")
     friction: float = Field(0.26, ge=0, description="Coulomb friction of the device, N")
     encoder: Positive = Field(55e-6, description="step of the reported position, m")
-    delay: int = Field(0, ge=0, le=20, description="ticks by which a force is late")
+    delay: int = Field(0, ge=0, le=20, description="delay of the force, ticks")
     force_limit: Positive = Field(3.3, description="largest force, N")
-    hand_stiffness: float = Field(20.0, ge=0, description="stiffness of the hand, N/m")
+    hand_stiffness: float = Field(20.0, ge=0, description="stiffness of the simulated hand, N/m")
     hand_damping: float = Field(3.0, ge=0, description="damping of the hand, Ns/m")
     press: Positive = Field(0.5, description="force with which the hand presses, N")
     loops: Annotated[int, Field(ge=2)] = Field(
         20, description="closed loops around which the work is measured"
     )
     ticks: Annotated[int, Field(ge=1000)] = Field(
-        1_000_000, description="ticks of the long run: a random walk"
+        1_000_000, description="ticks of the long run, which is a random walk"
     )
 
 
 class TimingOptions(Options):
-    """One-query and batch times."""
+    """Times of single queries and of batches."""
 
     queries: Annotated[int, Field(ge=100)] = Field(2000, description="single queries per field")
     batch: Count = Field(10_000, description="points of a batch")
-    repeats: Count = Field(5, description="batches per field; the median counts")
+    repeats: Count = Field(5, description="batches per field; the median time is used")
     cold: Annotated[int, Field(ge=0)] = Field(
         50, description="single queries with empty caches, per field"
     )
@@ -226,8 +226,8 @@ class TimingOptions(Options):
 class AttachedOptions(Options):
     """A 3D Systems haptic device that is attached to this machine and held by a person."""
 
-    library: str = Field("libHD.so", description="OpenHaptics' library, a name or a path")
-    name: str = Field("", description="the device's name in OpenHaptics; empty: the default one")
+    library: str = Field("libHD.so", description="name or path of OpenHaptics' library")
+    name: str = Field("", description="the device's name in OpenHaptics; empty: the default device")
     model: Literal["touch", "touch-x"] = Field(
         "touch", description="model of the device; forces stay within the limits of that model"
     )
@@ -242,7 +242,7 @@ class AttachedOptions(Options):
 class HardwareOptions(Options):
     """The 1 kHz validation on this machine."""
 
-    seconds: Positive = Field(3.0, description="length of the run, per field")
+    seconds: Positive = Field(3.0, description="duration of each field's run, s")
     rate: Positive = Field(1000.0, ge=100, le=20_000, description="ticks per second")
     deadline: Positive = Field(
         0.8e-3,
@@ -250,10 +250,10 @@ class HardwareOptions(Options):
         "period count as 0.8 of it",
     )
     misses: float = Field(
-        0.001, ge=0, lt=1, description="largest share of misses with which a field passes"
+        0.001, ge=0, lt=1, description="largest share of misses at which a field passes"
     )
     loaded_seconds: float = Field(
-        0.5, ge=0, le=600, description="length of a second run, with a busy loop on every core"
+        0.5, ge=0, le=600, description="duration of a second run, s, with a busy loop on every core"
     )
     ask_again: bool = Field(
         True,

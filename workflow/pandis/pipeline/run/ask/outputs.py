@@ -12,14 +12,14 @@ def field_specs(entry):
 def field_holders(entry):
     """Return one FieldSpec for each artifact that contains a field, except the mesh itself.
 
-    For a tracked contact point, this is the field that it is tracked on.
+    A tracked contact point is represented by the field on which it is tracked.
     """
     specs = [spec.through or spec for spec in field_specs(entry)]
     return [s for s in {s.artifact: s for s in specs}.values() if s.artifact != "mesh"]
 
 
 def one_file(name):
-    """Return a function that returns a file that every mesh has."""
+    """Return a function that returns the file ``name`` for every mesh."""
     return lambda entry: [(name, {})]
 
 
@@ -30,7 +30,7 @@ def source(entry):
 
 
 def samples(entry):
-    """Return the samples, if a field learns from them."""
+    """Return the file of samples, if a field is trained on them."""
     return [("samples.zarr.zip", {})] if models(entry) else []
 
 
@@ -41,7 +41,7 @@ def models(entry):
 
 
 def choice(entry):
-    """Return the artifact of the field that only a budget describes."""
+    """Return the artifact of `fields: auto`, if that is configured."""
     return [(f"{s.artifact}.zarr.zip", {}) for s in field_holders(entry) if s.kind == AUTO]
 
 
@@ -62,7 +62,7 @@ def graphs(entry):
 
 
 def images(entry):
-    """Return the images of grids."""
+    """Return the VTK images of grids, if `bake.vti` requests them."""
     shown = [spec for spec in field_specs(entry) if "vti" in spec.exports and entry.bake.vti]
     return [(f"export/{spec.name}.vti", {"field": spec.name}) for spec in shown]
 
@@ -74,7 +74,7 @@ def native(entry):
 
 
 def distance_fields(entry):
-    """Return the fields of a mesh that have a file and may know distances; `auto` counts."""
+    """Return the fields of a mesh that have a file and may have distances, including `auto`."""
     return [spec for spec in field_specs(entry) if spec.native and spec.distances]
 
 

@@ -32,8 +32,8 @@ class _StrictLoader(yaml.SafeLoader):
 def check_yaml(path):
     """Raise PandisError if the YAML file has a duplicate key or does not parse.
 
-    Snakemake has read the file by then, and silently kept the last of two
-    equal keys: two meshes of the same name would become one.
+    Snakemake has already read the file and silently kept the last of two
+    equal keys, so two meshes of the same name would have become one.
     """
     with Path(path).open(encoding="utf-8") as stream:
         loader = _StrictLoader(stream)
@@ -75,7 +75,7 @@ def results_folder(raw):
     Raises
     ------
     PandisError
-        It is not a relative path of plain names.
+        The folder is not a relative path of plain names.
     """
     folder = raw.get("results", "results")
     if not isinstance(folder, str) or not re.fullmatch(FOLDER, folder):
@@ -98,7 +98,7 @@ def last_target(raw):
     if until not in (None, "exports"):
         raise_faults({"until": f"expected exports, or nothing (given: {until!r})"})
     if until and raw.get("scenes"):
-        raise_faults({"until": "scenes build what they need and no more: leave it out"})
+        raise_faults({"until": "scenes build what they need and no more: remove until"})
     return until
 
 
@@ -110,8 +110,8 @@ def load_config(raw, refused=None):
     raw : dict
         The parsed YAML.
     refused : dict, optional
-        Receives the faults of meshes whose own options are wrong, by name: the other meshes are
-        returned. Without it, or if no mesh is left, the faults are raised.
+        Receives the faults of meshes whose own options are wrong, by name; the other meshes are
+        returned. If it is omitted, or no mesh is left, the faults are raised.
 
     Returns
     -------
@@ -138,7 +138,7 @@ def load_config(raw, refused=None):
         if isinstance(name, bool):
             faults[path] = "YAML reads on, off, yes and no as true or false: put the name in quotes"
         elif not re.fullmatch(MESH_NAME, str(name)):
-            faults[path] = "a mesh's name starts with a-z and continues with a-z, 0-9, - or _"
+            faults[path] = "a mesh's name must start with a-z; the rest may be a-z, 0-9, - or _"
         elif name in RESERVED_NAMES:
             faults[path] = "this name is taken by a folder of results/: choose another"
         if not isinstance(entry, dict):

@@ -25,7 +25,7 @@ class Recipe(Options):
 
     width: Annotated[int, Field(ge=1, le=1024)] = Field(256, description="units of each sine layer")
     depth: Annotated[int, Field(ge=1, le=16)] = Field(
-        4, description="number of sine layers; 4 is the paper's 800 KB"
+        4, description="number of sine layers; 4 gives the paper's 800 KB"
     )
     steps: Count | None = Field(
         None, description="budget in optimiser steps: the result is reproducible"
@@ -51,15 +51,15 @@ class Recipe(Options):
         0.02,
         ge=0,
         lt=1,
-        description="with cosine: share of the budget during which step sizes rise",
+        description="with `cosine`: share of the budget during which step sizes rise",
     )
     threads: Count = Field(
         1,
-        description="CPU threads; a part of the result's identity. With one, `-j2` trains two "
-        "networks at once; more pay off only with more cores than networks",
+        description="CPU threads; the result depends on this number. With one, `-j2` trains two "
+        "networks at once; more threads help only if there are more cores than networks",
     )
     device: Literal["cpu", "cuda", "auto"] = Field(
-        "cpu", description="where to train; auto uses CUDA if available, and records the choice"
+        "cpu", description="where to train; `auto` uses CUDA if available, and records the choice"
     )
 
     @model_validator(mode="after")
@@ -85,7 +85,7 @@ class PaperRecipe(Recipe):
         description="how a term that applies to only half of the points is averaged: `subset`, "
         "over that half; `batch`, over the whole batch, as in SIREN's code, which halves its "
         "weight relative to the others. `batch` is as good in short trainings, and at least as "
-        "good in long ones (docs/benchmarks/README.md)",
+        "good in long ones (docs/benchmarks/ablations.md)",
     )
     learning_rate: Positive = Field(1e-4, description="Adam's largest step size")
     clip: Positive | None = Field(1.0, description="largest norm of the gradient; null: no limit")
@@ -93,14 +93,14 @@ class PaperRecipe(Recipe):
         [50.0, 100.0, 3000.0, 100.0, 50.0, 100.0, 100.0],
         description="weights of the loss terms, in the order printed in the paper",
     )
-    alpha: Positive = Field(100.0, description="a in exp(-a·|Φ|)")
+    alpha: Positive = Field(100.0, description="factor a in the loss term exp(-a·|Φ|)")
     stop_gradient: bool = Field(
         True, description="Ψ·∇Φ trains only Ψ, not Φ (unspecified in the paper)"
     )
 
 
 class ExactRecipe(Recipe):
-    """Regression on the exact distance and normal: the default."""
+    """The default recipe: regression on the exact distance and normal."""
 
     loss: Literal["exact"] = "exact"
     direction: Literal["output", "gradient"] = Field(
@@ -121,7 +121,7 @@ class ExactRecipe(Recipe):
     )
     omega: Positive | None = Field(
         None,
-        description="ω0, the factor inside every sine; finer shapes need a larger one; null: "
+        description="ω0, the factor inside every sine; finer shapes need a larger ω0; null: "
         "80·√(width / 256)",
     )
     force_error: Force | None = Field(
@@ -149,8 +149,8 @@ class ExactRecipe(Recipe):
         0.3,
         ge=0,
         le=1,
-        description="least weight of a point's distance, however far the point is; a third of it "
-        "for its normal",
+        description="least weight of a point's distance, however far the point is; its normal has "
+        "a third of this",
     )
     normal_weight: Positive = Field(0.05, description="weight of the normal's error in the loss")
 
@@ -166,7 +166,7 @@ DEFAULT_STEPS = {"paper": 3000, "exact": 1500}
 
 
 def budgeted(recipe):
-    """Return a recipe with its budget filled in."""
+    """Return a recipe that has a budget: by default, a number of steps."""
     if recipe.steps is None and recipe.seconds is None:
         return recipe.model_copy(update={"steps": DEFAULT_STEPS[recipe.loss]})
     return recipe

@@ -22,7 +22,7 @@ FORMATS = ("obj", "ply", "stl", "off", "glb", "gltf", "3mf")
 SHIPPED, ANALYTIC = "pymeshlab:", "analytic:"
 #: Suffix of the array beside a mesh file that names a material for each face.
 _REGIONS = ".regions.npy"
-#: Bytes of a mesh file that are searched for references to other files. OBJ has them anywhere.
+#: Largest mesh file (bytes) that is searched for references to other files. OBJ has them anywhere.
 _LARGEST = 1 << 30
 
 
@@ -90,7 +90,7 @@ def source_path(source):
 
 
 def source_fault(source):
-    """Return what is wrong with a source, as far as is known before reading it, in a sentence.
+    """Return a sentence on what is wrong with a source, found without reading its contents.
 
     Returns
     -------
@@ -117,16 +117,16 @@ def source_fault(source):
 def regions_file(path):
     """Return the path of the array that names a material for each face; it need not exist.
 
-    ``part.stl.regions.npy`` beside ``part.stl``: `pandis.pipeline.mesh.regions.read_beside`.
+    For ``part.stl`` it is ``part.stl.regions.npy``: `pandis.pipeline.mesh.regions.read_beside`.
     """
     path = Path(path)
     return path.with_name(path.name + _REGIONS)
 
 
 def source_files(path):
-    """Return a mesh file and the files beside it that it refers to, as far as they exist.
+    """Return a mesh file and the existing files beside it that it refers to.
 
-    Its `regions_file` is one of them.
+    These include its `regions_file`.
 
     Parameters
     ----------
@@ -158,7 +158,7 @@ def _named(path):
         data = gzip.decompress(path.read_bytes()) if packed else path.read_bytes()
         return reader(data)
     except (OSError, EOFError, ValueError, TypeError, AttributeError):
-        return []  # damaged: the readers report how
+        return []  # damaged: the mesh readers report the fault
 
 
 def _of_obj(data):
@@ -187,7 +187,7 @@ def _of_gltf(data):
 
 
 def source_digest(files, digest=file_digest):
-    """Return one SHA-256 for a source set: the names and contents of its files.
+    """Return the SHA-256 of a source set: of the only file, or of the names and digests of several.
 
     Parameters
     ----------
@@ -203,7 +203,7 @@ def source_digest(files, digest=file_digest):
 
 
 class SourceDigests:
-    """Digests of sources, cached by path, size, times and inode: a plan reads no file twice.
+    """Digests of sources, cached by path, size, times and inode: only changed files are read again.
 
     Parameters
     ----------
@@ -248,7 +248,7 @@ class SourceDigests:
             except (OSError, ValueError):
                 self._known = {}
         stat = os.stat(path)
-        # a copy that preserves times cannot set back the time of the last change of any kind
+        # ctime is included because a copy that preserves mtime cannot set it back
         stamp = [stat.st_size, stat.st_mtime_ns, stat.st_ctime_ns, stat.st_ino]
         entry = self._known.get(str(path.resolve()))
         if not entry or entry.get("stamp") != stamp:

@@ -9,12 +9,12 @@ LARGEST_DEVICE = 10.0
 
 
 class DeviceOptions(Options):
-    """Physical scale: how large and how stiff the object is under the device."""
+    """Physical scale: size and stiffness of the object in the device's workspace."""
 
     size: Positive = Field(
         0.10, description="length of the mesh's longest side in the workspace, m"
     )
-    stiffness: Positive = Field(400.0, description="stiffness k of the surface in N/m")
+    stiffness: Positive = Field(400.0, description="stiffness k of the surface, N/m")
 
     @field_validator("size")
     @classmethod
@@ -39,7 +39,7 @@ class GridTarget(Options):
     missed: Missed = Field(
         0.005, description="with `force_error`: share of the surface that may lack the force"
     )
-    bytes: Count | None = Field(None, description="memory that a program needs for it, bytes")
+    bytes: Count | None = Field(None, description="memory that the field needs, in bytes")
 
     @model_validator(mode="after")
     def _one_target(self):
@@ -49,7 +49,7 @@ class GridTarget(Options):
 
 
 class BudgetOptions(Options):
-    """Requirements on the field named `auto`: the cheapest to build that meets them is built.
+    """Requirements on the field named `auto`: of the fields that meet them, the cheapest to build.
 
     Errors are those of the contact set: points down to 0.04 below the surface, or to nine tenths of
     the radius of the largest ball inside that touches it there.
@@ -61,7 +61,7 @@ class BudgetOptions(Options):
         "`device`) or `5 %` (of the mean force)",
     )
     tail: Force | None = Field(
-        None, description="its 99th percentile, written likewise; null: ten times the mean"
+        None, description="99th percentile of the error, in the same form; null: ten times the mean"
     )
     missed: Missed = Field(
         0.005, description="share of the surface that may lack the force: 0.005 at most"
@@ -71,4 +71,4 @@ class BudgetOptions(Options):
         description="median time of one query, in seconds, as listed in `config/query-times.csv` "
         "(`snakemake -j1 -f calibrate` measures that table on your machine)",
     )
-    bytes: Count | None = Field(None, description="memory that a program needs for it, bytes")
+    bytes: Count | None = Field(None, description="memory that the field needs, in bytes")

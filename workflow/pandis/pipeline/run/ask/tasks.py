@@ -1,9 +1,9 @@
 """The options of each stage: the models of `job.options`.
 
-The plan fills one for every job from the configuration, Snakemake passes it on as plain values, and
-the stage's script turns them back into its model. A model contains exactly the values that make its
-stage stale when they change. Like the models of the configuration, it only names and checks values,
-so it does not count as a part of a stage's code.
+The plan creates one model per job from the configuration. Snakemake passes its values on as plain
+data, from which the stage's script recreates the model. A model contains exactly the values that
+make its stage stale when they change. Like the models of the configuration, it only names and
+checks values, so it does not count as a part of a stage's code.
 """
 
 from typing import Annotated, Literal
@@ -54,7 +54,7 @@ class SampleTask(SampleOptions):
 
 
 class ChooseTask(DeviceOptions):
-    """Build the cheapest field that meets the budget; ``name`` is the recipe's."""
+    """Build the cheapest field that meets the budget; ``name`` is the name of ``recipe``."""
 
     budget: BudgetOptions
     name: str
@@ -79,7 +79,7 @@ class ExportNativeTask(NativeOptions):
 
 
 class ExportMeshTask(Options):
-    """Write the repaired mesh for other programs: there are no options."""
+    """Write the repaired mesh for other programs; this stage has no options."""
 
 
 class ExportMjcfTask(Options):
@@ -114,7 +114,7 @@ class TrajectoryTask(TrajectoryOptions):
 
 
 class EvaluateTask(EvaluationOptions, DeviceOptions):
-    """Compare the fields with the exact one; ``trajectory`` is for drawing several paths."""
+    """Compare the fields with the exact one; ``trajectory`` is None if there is only one path."""
 
     fields: list[str]
     trajectory: TrajectoryOptions | None
@@ -130,13 +130,13 @@ class StressTask(StressOptions, DeviceOptions):
 
 
 class TimingTask(TimingOptions):
-    """Time the fields, those of ``in_python`` from Python."""
+    """Time all fields; those in ``in_python`` are timed from Python."""
 
     in_python: list[str]
 
 
 class HandOptions(Options):
-    """The hand that holds a simulated device: N/m, Ns/m, N, and ticks by which a force is late."""
+    """The hand that holds a simulated device: N/m, Ns/m, N, and the delay of a force in ticks."""
 
     stiffness: float
     damping: float
@@ -154,9 +154,9 @@ class ValidateTask(HardwareOptions, DeviceOptions):
 
 
 class PlacedObject(Options):
-    """An object of a scene: m, rotation vector in degrees, N/m.
+    """An object of a scene; lengths in m, rotation vector in degrees, stiffness in N/m.
 
-    ``beside`` is a field of the same mesh that knows the material at a place.
+    ``beside`` is a field of the same mesh whose file contains the materials, if one is needed.
     """
 
     name: str
@@ -180,7 +180,7 @@ class SceneTask(Options):
 
 
 class SummaryTask(Options):
-    """Collect the rows, or the page, of all meshes; ``fields`` are by mesh."""
+    """Collect the rows, or the page, of all meshes; ``fields`` lists the fields of each mesh."""
 
     fields: dict[str, list[str]]
 
@@ -192,7 +192,7 @@ class CalibrateTask(Options):
 
 
 class VerifyTask(Options):
-    """Check the whole chain of results against these files, unless an object store has them."""
+    """Check the whole chain of results against ``configfiles``; refused if there is a ``store``."""
 
     configfiles: list[str]
     store: str = ""

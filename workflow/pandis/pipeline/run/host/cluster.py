@@ -6,7 +6,7 @@ import sys
 
 from pandis.base.errors import PandisError
 
-#: Seconds for which `squeue` must remember a job after its end. Snakemake asks every few seconds,
+#: Seconds for which `squeue` must list a job after its end. Snakemake checks every few seconds,
 #: but the controller may restart in between.
 REMEMBERED = 200
 #: Options of Snakemake within a job: run rules locally, and count memory for all of them together.
@@ -19,16 +19,16 @@ def status_command():
     Returns
     -------
     command : str
-        ``squeue`` if it remembers a job long enough after its end (`MinJobAge`), with or without an
+        ``squeue`` if it lists a job long enough after its end (`MinJobAge`), with or without an
         accounting database. Otherwise ``sacct``, if there is a database: it reports a cancelled job
         as "CANCELLED by" a user, which Snakemake's plugin 2.8.0 takes for a running job.
     age : int
-        Seconds.
+        `MinJobAge`, seconds.
 
     Raises
     ------
     PandisError
-        Neither command would report it, and Snakemake would wait forever.
+        Neither command would report the end of a job, so Snakemake would wait forever.
     """
     shown = _ask("scontrol", "show", "config").stdout
     age = re.search(r"^MinJobAge\s*=\s*(\d+)", shown, re.M)
@@ -41,18 +41,18 @@ def status_command():
         return "sacct", int(age[1])
     errors = accounts.stderr.strip().splitlines()
     raise PandisError(
-        f"nothing here tells Snakemake that a job has ended: squeue forgets a job {age[1]} s after "
+        f"no command here reports that a job has ended: squeue forgets a job {age[1]} s after "
         f"its end (MinJobAge in slurm.conf; {REMEMBERED} are needed), and the cluster has no "
         f"accounting database (sacct: {errors[-1] if errors else 'no answer'})"
     )
 
 
 def listen(workflow):
-    """Make Snakemake's Slurm plugin, if this run uses it, call a command that will answer.
+    """Set the command by which Snakemake's Slurm plugin learns that jobs have ended.
 
-    The plugin calls `sacct` wherever it is installed. Without a database `sacct` never answers, and
-    the run never ends. Jobs use Snakemake's local executor, and their status is checked every
-    ``seconds-between-status-checks``.
+    By default the plugin calls `sacct` wherever that is installed. Without a database `sacct` has
+    no result, and the run never ends. Jobs of a run with this plugin use Snakemake's local
+    executor, and their status is checked every ``seconds-between-status-checks``.
     """
     if workflow.executor_plugin is None or workflow.executor_plugin.name != "slurm":
         return
@@ -63,19 +63,19 @@ def listen(workflow):
         print(f"error: {error}", file=sys.stderr)
         raise SystemExit(1) from None
     plugin = sys.modules["snakemake_executor_plugin_slurm"]
-    # The plugin asks for MinJobAge each time. While the controller is down it gets no answer,
-    # treats that as a short memory, and falls back to `sacct` for good.
+    # The plugin reads MinJobAge each time. If the controller is down, it takes the failure for a
+    # short MinJobAge and uses `sacct` from then on.
     plugin.get_min_job_age = lambda: age
     # Within a job the plugin would start Snakemake for every rule of a group, one after the other.
     # Started once, Snakemake runs in parallel whatever fits into the job's resources. (In an array
-    # of jobs, only the plugin's own way knows which job is running.)
+    # of jobs, only the plugin's own arguments identify the running job.)
     if not workflow.executor_settings.array_jobs:
         inherited = plugin.Executor.get_job_args
         plugin.Executor.additional_general_args = lambda _: _HERE
         plugin.Executor.get_job_args = lambda executor, job: (
             f"{inherited(executor, job)} {_room(job)}"
         )
-    # By default the pauses get longer, up to three minutes, while no job ends.
+    # By default the pause between checks grows to up to three minutes while no job ends.
     pause = workflow.remote_execution_settings.seconds_between_status_checks
     plugin.Executor.next_seconds_between_status_checks = property(
         lambda _: pause, lambda _, longer: None

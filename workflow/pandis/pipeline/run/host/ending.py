@@ -14,7 +14,7 @@ def farewell(plan):
     if plan.scenes:
         return f"\nThe scenes are in  {plan.folder}/scenes/"
     if not Path(plan.report).is_file() or Path(plan.report).stat().st_mtime < plan.start:
-        return "Done. The report is made by the targets all and report."
+        return "Done. The targets all and report make the report."
     return (
         f"\nThe report is in   {plan.report}\n"
         f"The table is in    {plan.summary}\n"
@@ -27,8 +27,8 @@ def condolence(plan):
     return (
         "\nA job failed or was stopped; its message is above, after 'error:' or in a traceback.\n"
         f"All logs are in    {_place(plan)}/logs/\n"
-        "Other meshes went on. Fix the cause and run the same command again: only missing or stale "
-        "results will be made."
+        "Other meshes continued. Fix the cause and run the same command again: only missing or "
+        "stale results will be made."
     )
 
 
@@ -38,12 +38,12 @@ def _place(plan):
 
 
 def partial_note(plan):
-    """Return the path of the list of meshes missing from the report; it exists while any are."""
+    """Return the path of the list of meshes missing from the report; absent if none is missing."""
     return Path(plan.folder) / "refused.json"
 
 
 def forget_partial_report(plan):
-    """Make sure that a report without all meshes is rebuilt, whatever its times after a copy."""
+    """Make sure that an incomplete report is rebuilt, even if copying changed its time stamp."""
     if partial_note(plan).is_file():
         for path in (plan.report, plan.summary):
             if Path(path).is_file():
@@ -53,8 +53,8 @@ def forget_partial_report(plan):
 def partial_report(plan, workflow):
     """Write the report and the summary of the complete meshes, after a failed run.
 
-    This runs in a separate process, because planning loads no numerics. For Snakemake the files are
-    not results: they are dated older than all their inputs, and their records are deleted.
+    It runs in a separate process, because planning loads no numerical libraries. So that Snakemake
+    rebuilds the files, they are dated before all their inputs, and their records are deleted.
 
     Parameters
     ----------

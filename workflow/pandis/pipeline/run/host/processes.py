@@ -22,11 +22,11 @@ def each(work, items, count):
     Parameters
     ----------
     work : callable
-        Its return value is sent back. Native code that it calls runs on one thread, unless there is
-        only one process: then nothing is forked.
+        Its return value is sent to the parent. Native code that it calls runs on one thread, unless
+        there is only one process: then nothing is forked.
     items : sequence
     count : int
-        Processes.
+        Largest number of processes.
     """
     count = min(count, len(items))
     if count <= 1:
@@ -42,12 +42,12 @@ def each(work, items, count):
             ) from error
         except BaseException:
             for process in active_children():
-                process.kill()  # or the pool would wait for their current items
+                process.kill()  # otherwise the pool would wait for their items
             raise
 
 
 def _begin(work, items):
-    """Let the parent handle interrupts, and make this process end with it, however it ends."""
+    """Leave interrupts to the parent, and end this process whenever the parent ends."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     signal.signal(signal.SIGTERM, signal.SIG_DFL)
     with suppress(OSError, AttributeError):

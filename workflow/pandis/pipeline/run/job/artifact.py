@@ -206,7 +206,7 @@ class ArtifactWriter:
         return digest
 
     def _drain(self, metadata=False):
-        """Move the entries that zarr has encoded from its store into the zip."""
+        """Move the entries that zarr has encoded from the memory store into the zip file."""
         entries = self._store._store_dict
         for key in sorted(k for k in entries if metadata or not k.endswith("zarr.json")):
             info = zipfile.ZipInfo(key, _STAMP)
@@ -274,7 +274,7 @@ class _AtomicFile:
         self.part.unlink(missing_ok=True)
 
     def explain(self, error):
-        """Return a PandisError that says what to do about an error."""
+        """Return a PandisError that describes an error and says what to do."""
         full = error.errno in (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
         return PandisError(
             f"{self.path}: cannot write: {error.strerror or error}; "
@@ -302,7 +302,7 @@ def write_atomically(path, data):
 
 
 def read_artifact(path, kind=None):
-    """Read an artifact and check all of it.
+    """Read an artifact and check it completely.
 
     Parameters
     ----------
@@ -325,9 +325,9 @@ def read_artifact(path, kind=None):
     except Exception as error:
         raise _damaged(path, f"not readable as zarr ({type(error).__name__}: {error})") from error
     if schema != SCHEMA:
-        raise _damaged(path, f"has schema {schema}, this version of pandis reads {SCHEMA}")
+        raise _damaged(path, f"has schema {schema}, but this version of pandis reads {SCHEMA}")
     if kind is not None and stored_kind != kind:
-        raise ArtifactError(f"{path}: holds a {stored_kind}, expected a {kind}")
+        raise ArtifactError(f"{path}: its kind is {stored_kind}, expected {kind}")
     wrong = [n for n in digests if n not in read or array_digest(n, read[n]) != digests[n]]
     if wrong:
         raise _damaged(path, f"array {', '.join(wrong)} differs from its digest")
@@ -347,7 +347,7 @@ def _damaged(path, what):
 
 
 def seal_zip(data):
-    """Seal a zip file (bytes) that has no comment, as artifacts are sealed; return its bytes."""
+    """Return a zip file without a comment (bytes), sealed in the same way as an artifact."""
     sealed = data[:-2] + _COMMENT.to_bytes(2, "little")
     return sealed + _MARK + hashlib.sha256(sealed).hexdigest().encode()
 

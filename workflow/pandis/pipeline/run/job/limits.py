@@ -1,7 +1,7 @@
-"""Limits of a stage's time and memory: it ends with a message instead of running forever.
+"""Limits on a stage's time and memory: a stage that exceeds one ends with a message.
 
-Rules state minutes and memory for clusters; here the same limits apply. Most parts of a stage have
-more specific limits with better messages. These limits catch the rest.
+Rules state minutes and memory for clusters; this module enforces the same limits. Most parts of a
+stage have more specific limits with better messages. These limits cover the rest.
 """
 
 import faulthandler
@@ -12,7 +12,7 @@ from contextlib import contextmanager
 
 #: Seconds between checks of time and memory.
 _EVERY = 1.0
-#: Seconds after the time limit for a stage to report it itself.
+#: Seconds that a stage has, after its time limit, to report the limit itself.
 _GRACE = 20.0
 
 
@@ -29,7 +29,7 @@ def limited(name, minutes, megabytes, say, file):
     say : callable
         Receives a line that names the exceeded limit and says what to do.
     file : file object
-        Receives a traceback if the process can no longer report anything itself.
+        Receives a traceback if the process can no longer report the limit itself.
     """
     over = threading.Event()
     start = time.monotonic()
@@ -56,13 +56,13 @@ def _beyond(name, minutes, megabytes, seconds):
     """Return a message about the exceeded limit; empty if there is none."""
     if minutes and seconds > 60 * minutes:
         return (
-            f"it has taken more than its {minutes:g} minutes; give it more with "
+            f"it has run longer than its {minutes:g} minutes; allow more with "
             f"--set-resources {name}:runtime={2 * minutes:g}, or reduce its work"
         )
     used = resident_megabytes()
     if megabytes and used > megabytes:
         return (
-            f"it has taken {used:,.0f} MB of memory, and {megabytes:,.0f} are allowed; give it "
+            f"it uses {used:,.0f} MB of memory, but only {megabytes:,.0f} are allowed; allow "
             f"more with --set-resources {name}:mem_mb={round(2 * used, -3):.0f}, or reduce its work"
         )
     return ""

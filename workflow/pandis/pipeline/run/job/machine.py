@@ -6,7 +6,7 @@ from pathlib import Path
 
 
 def describe():
-    """Return processor, cores and system; no host name."""
+    """Return the processor, cores, system and Python version, but no host name."""
     try:
         lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
         names = [line.split(":", 1)[1].strip() for line in lines if line.startswith("model name")]

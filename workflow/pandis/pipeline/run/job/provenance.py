@@ -53,29 +53,29 @@ _CHOSEN = tuple(name for name, kind in KINDS.items() if kind.chosen)
 
 
 class Needs(NamedTuple):
-    """The part of its code that a stage needs with certain options.
+    """The parts of a stage's code that its options require.
 
     Attributes
     ----------
     kinds : tuple of str
-        Kinds of fields whose modules it loads by `pandis.pipeline.run.ask.kinds.kind_module`.
+        Kinds of fields whose modules the stage loads: `pandis.pipeline.run.ask.kinds.kind_module`.
     unused : tuple of str
-        Modules that it imports but never runs.
+        Modules that the stage imports but never runs.
     """
 
     kinds: tuple[str, ...] = tuple(KINDS)
     unused: tuple[str, ...] = ()
 
 
-#: The most that a stage can need.
+#: Default of a stage: all kinds, and every module that it imports.
 EVERYTHING = Needs()
 
 
 def needs(options):
     """Return the `Needs` of a stage with these options.
 
-    They leave out kinds of which the stage uses no field, the search for a size that is given, and
-    modules that its kinds report as unused.
+    Left out are kinds without a field in the stage, the size search if the size is given, and
+    modules that the kinds report as unused.
     """
     kinds, unused = _kinds(options), []
     if options.get("kind") in KINDS and "target" not in options:
@@ -98,7 +98,7 @@ def _kinds(options):
         value = options.get(key, ())
         lists = value.values() if isinstance(value, dict) else [value]
         names = [name for names in lists for name in names]
-        # a field with a file is answered from it
+        # a field with an exported file is queried through that file
         specs += [s for s in map(known_field, names) if not s.native]
     specs += [spec.through for spec in specs if spec.through]
     if any(spec.kind == AUTO for spec in specs):
@@ -107,7 +107,7 @@ def _kinds(options):
 
 
 class CodeDigests:
-    """Digests of scripts and of the library modules behind them.
+    """Digests of scripts and of the library modules that they import.
 
     Parameters
     ----------
@@ -129,7 +129,7 @@ class CodeDigests:
         return combine(self.modules(name, needs))
 
     def modules(self, name, needs=EVERYTHING):
-        """Return the digest of each file behind a stage, as a sorted dict of name to hex."""
+        """Return what a stage's code depends on: a sorted dict of name to digest or version."""
         script = f"scripts/{name}"
         self._load(script, self.scripts / f"{name}.py", package="")
         seen, queue = set(needs.unused), [script]
@@ -213,8 +213,8 @@ def combine(digests):
 def _facts(source, package):
     """Return a module's digest, its imports of ``pandis``, and its third-party packages.
 
-    Parsing takes a third of a second per stage, in every job and every planning. So the facts are
-    stored in the user's cache, under the digest of the text.
+    Parsing would take a third of a second per stage in every job and every planning run, so the
+    facts are stored in the user's cache under the digest of the text.
     """
 
     def facts():
@@ -282,9 +282,9 @@ def _foreign(tree):
 
 
 def versions(modules):
-    """Return the versions behind a stage: Python, the packages it imports, the C compiler.
+    """Return the versions that a stage uses: Python, the packages it imports, the C compiler.
 
-    The compiler makes nothing stale: another one gives the same bits.
+    A different compiler makes nothing stale, because it gives the same bits.
 
     Parameters
     ----------
@@ -320,7 +320,7 @@ def provenance(stage, wildcards, options, modules, inputs):
     wildcards : dict of str to str
         Wildcards that identify this output among those of the stage.
     options : dict
-        The options that the stage was given.
+        Options of the job.
     modules : dict of str to str
         From `CodeDigests.modules`.
     inputs : dict of str to str

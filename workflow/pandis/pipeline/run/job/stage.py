@@ -37,7 +37,7 @@ CHANGED = "the code was changed after this run was planned; run the same command
 INTERRUPTED = "interrupted; run the same command again to go on: finished work is kept"
 
 
-#: Variables for the threads of a BLAS that is loaded later, or in a process that a stage starts.
+#: Environment variables for the threads of a BLAS that is loaded later or by a child process.
 _BLAS_THREADS = ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "BLIS_NUM_THREADS")
 
 
@@ -68,7 +68,7 @@ def stage(snakemake, task):
     job = Job(snakemake, task)
     signal.signal(signal.SIGTERM, _interrupt)
     os.environ["IGL_NUM_THREADS"] = str(snakemake.threads)
-    # a BLAS adds in an order that depends on its threads, which Snakemake sets to the job's
+    # a BLAS sums in an order that depends on its thread count, which Snakemake sets to the job's
     os.environ.update(dict.fromkeys(_BLAS_THREADS, "1"))
     warnings.showwarning = lambda message, category, *_: job.log(f"warning: {message}")
     resources = snakemake.resources
@@ -179,11 +179,11 @@ class Job:
     # --- inputs and output -----------------------------------------------------
 
     def read(self, name, kind):
-        """Read the input artifact ``name`` of the rule and remember its digest."""
+        """Read the input artifact ``name`` of the rule and record its digest."""
         return self.read_path(self.input[name], kind)
 
     def read_path(self, path, kind=None):
-        """Read an artifact among the rule's inputs and remember its digest."""
+        """Read an artifact among the rule's inputs and record its digest."""
         artifact = read_artifact(path, kind)
         self.note_digest(path, artifact.digest)
         return artifact
@@ -193,14 +193,14 @@ class Job:
         return self.read_path(path) if str(path).endswith(".zarr.zip") else self.note_file(path)
 
     def note_digest(self, path, digest):
-        """Remember the digest with which an input was read."""
+        """Record the digest of an input that was read."""
         name = original(path)
         if name.startswith(f"{self._folder}/"):
             name = RESULTS + name.removeprefix(self._folder)
         self._inputs[name] = digest
 
     def note_file(self, path):
-        """Remember the SHA-256 of an input that is a plain file; return its path."""
+        """Record the SHA-256 of an input that is a plain file; return its path."""
         self.note_digest(path, file_digest(path))
         return Path(path)
 
@@ -217,7 +217,7 @@ class Job:
         return Path(self._snakemake.scriptdir).resolve().parent / "workflow"
 
     def provenance(self):
-        """Return the provenance of the output that is being made."""
+        """Return the provenance of this job's output."""
         wildcards = {key: str(value) for key, value in self._snakemake.wildcards.items()}
         inputs = dict(sorted(self._inputs.items()))
         why = provenance(self.stage, wildcards, self._params, self._modules, inputs)
@@ -230,7 +230,7 @@ class Job:
         self.log(f"wrote {path} ({Path(path).stat().st_size / 1e6:.2f} MB)")
 
     def write_pieces(self, kind, columns, pieces, attributes):
-        """Write the rule's first output from pieces that are never in memory all at once.
+        """Write the rule's first output piece by piece, so that it need not fit into memory.
 
         Parameters
         ----------
@@ -270,7 +270,7 @@ class Progress:
     log : callable
         Receives a line of text.
     what : str
-        What is being done.
+        Name of the computation.
     total : float
         Amount of work, in ``unit``.
     unit : str
@@ -282,7 +282,7 @@ class Progress:
         self.offset = 0
 
     def resume(self, done):
-        """Set how much an earlier run finished; rates count from there."""
+        """Set the amount that an earlier run finished, which rates do not count."""
         self.offset = done
 
     def update(self, done, note=""):

@@ -1,8 +1,8 @@
-"""Results in an object store: jobs work on local copies, but use the names without a store."""
+"""Results in an object store: jobs use local copies, but record the paths without a store."""
 
 import os
 
-#: Environment variable: folder of a store's local copies, for jobs.
+#: Environment variable that passes the folder of the store's local copies to jobs.
 COPIES = "PANDIS_COPIES"
 
 
@@ -19,7 +19,7 @@ def tell_copies(settings):
         os.environ[COPIES] = os.path.join(str(settings.local_storage_prefix), kind, bucket)
 
 
-#: Stands for the results folder in the names of a result's inputs, as the folder may be moved.
+#: Placeholder of the results folder in the recorded paths of inputs: the folder may be moved.
 RESULTS = "<results>"
 
 
@@ -30,10 +30,10 @@ def is_copy(path):
 
 
 def original(path):
-    """Return ``path``, relative to the working directory if it is below it.
+    """Return ``path``, made relative if it is inside the working directory.
 
-    For a copy, return the path that the file would have without a store. Results name their inputs
-    by this path, so that they have the same bytes with a store and without.
+    For a copy, return the path that the file would have without a store. Results record this path
+    of each input, so that they have the same bytes with a store and without.
     """
     if is_copy(path):
         return os.path.relpath(path, os.environ[COPIES])

@@ -39,7 +39,7 @@ def load_scenes(raw, entries):
     for name, scene in sections.items():
         path = f"scenes.{name}"
         if not re.fullmatch(MESH_NAME, str(name)):
-            faults[path] = "a scene's name starts with a-z and continues with a-z, 0-9, - or _"
+            faults[path] = "a scene's name must start with a-z; the rest may be a-z, 0-9, - or _"
             continue
         sections = scene if isinstance(scene, dict) else {"objects": scene}
         wrong = faults_of(SceneOptions, sections)
@@ -55,7 +55,7 @@ def load_scenes(raw, entries):
 
 def _object_faults(path, key, placed, entries):
     if not re.fullmatch(MESH_NAME, str(key)):
-        return {path: "an object's name starts with a-z and continues with a-z, 0-9, - or _"}
+        return {path: "an object's name must start with a-z; the rest may be a-z, 0-9, - or _"}
     entry = entries.get(placed.mesh)
     if entry is None:
         return {f"{path}.mesh": f"there is no mesh {placed.mesh} under `meshes`: add it there"}
@@ -101,10 +101,10 @@ def scene_task(scene, entries):
 
 
 def _knows_regions(entry, name):
-    """Return the field of a mesh that knows the material at a place, if field ``name`` does not.
+    """Return a field of the mesh whose file contains the materials, if that of ``name`` does not.
 
-    None if that field does, or if no field of the mesh does. A compact mesh is preferred to the
-    exact one.
+    Return None if the file of ``name`` contains them, or if no file does. A compact mesh is
+    preferred to the exact one.
     """
     with_regions = [kind for kind, row in KINDS.items() if row.regions]
     if parse_field(name, entry.train).kind in with_regions:

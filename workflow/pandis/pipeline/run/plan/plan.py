@@ -32,7 +32,7 @@ from pandis.pipeline.run.job.provenance import CodeDigests, needs
 from pandis.pipeline.run.plan.placing import load_scenes, needed, scene_task
 from pandis.pipeline.run.plan.stages import STAGES, PlannedJob
 
-#: Named targets: those of the stages, and that of scenes.
+#: Named targets of the stages and of the scenes.
 TARGETS = {*(row.target for row in STAGES.values() if row.target), "scenes"}
 #: Targets that `until: exports` leaves out: fields are not measured, stressed or timed.
 JUDGING = ("evaluations", "hardware")
@@ -104,7 +104,7 @@ class Plan:
         self.folder = results_folder(config)
         #: Named target that the run ends with; None if it makes everything.
         self.until = last_target(config)
-        #: Meshes that cannot be built, and why. A job for each reports it: the run ends with 1.
+        #: Meshes that cannot be built, and why. A job for each reports the reason and fails.
         self.refused = {}
         self.entries = self._buildable(load_config(config, self.refused))
         self.scenes = load_scenes(config, self.entries)
@@ -133,12 +133,12 @@ class Plan:
 
     @property
     def summary(self):
-        """Path of the table of the whole run."""
+        """Path of the table that covers the whole run."""
         return f"{self.folder}/{'collection' if self.until else 'summary'}.csv"
 
     @property
     def report(self):
-        """Path of the page of the whole run."""
+        """Path of the page that covers the whole run."""
         return f"{self.folder}/{'collection' if self.until else 'report'}.html"
 
     @property
@@ -151,7 +151,7 @@ class Plan:
     def query_times(self):
         """Path of the table of query times that `fields: auto` uses.
 
-        `snakemake -j1 -f calibrate` writes one to the working directory; a default one ships.
+        `snakemake -j1 -f calibrate` writes it to the working directory; a default table is shipped.
         """
         shipped = self.digests.root.parent / QUERY_TIMES
         return QUERY_TIMES if Path(QUERY_TIMES).is_file() else os.path.relpath(shipped)
@@ -185,7 +185,7 @@ class Plan:
     def holders(self, mesh):
         """Return one FieldSpec for each artifact that contains a field, except the mesh itself.
 
-        For a tracked contact point, this is the field that it is tracked on.
+        A tracked contact point is represented by the field on which it is tracked.
         """
         return field_holders(self.entries[mesh])
 
@@ -194,7 +194,7 @@ class Plan:
     def outputs(self, mesh, entry=None):
         """Return every output of a mesh, each path once, in building order.
 
-        ``entry`` replaces the mesh's own options, with other fields.
+        ``entry``, if given, replaces the mesh's options: a scene may need other fields.
         """
         entry = entry or self.entries[mesh]
         return [
@@ -206,9 +206,9 @@ class Plan:
     def target(self, name):
         """Return the files of a named target; ``all`` lists every file.
 
-        It includes intermediate files, because a missing one is no reason for
-        Snakemake to run a job: after a failure it would otherwise find nothing
-        to do, although the results are of older options.
+        Intermediate files are included, because Snakemake runs no job only for a
+        missing intermediate file: after a failure it would otherwise find nothing
+        to do, although the results were made with older options.
         """
         if name not in TARGETS:
             return [output.path for output in self.everything()]
@@ -227,7 +227,7 @@ class Plan:
         return [*(o for o in every if STAGES[o.stage].in_scenes), *self.scene_outputs()]
 
     def refusals(self):
-        """Return an output for each mesh that cannot be built: it is never made."""
+        """Return an output, which is never made, for each mesh that cannot be built."""
         return [
             Output(f"{self.folder}/{mesh}/refused", "refuse", {"mesh": mesh})
             for mesh in self.refused
@@ -244,7 +244,7 @@ class Plan:
     # --- inputs of rules ---------------------------------------------------------
 
     def source(self, wildcards):
-        """Return the files that a mesh is read from: its own, and those that it refers to."""
+        """Return the source file of a mesh and the files that it refers to."""
         source = self.entries[wildcards.mesh].source
         extension = url_extension(source)
         if extension:
@@ -262,7 +262,7 @@ class Plan:
         return self.sources.of(entry.source)
 
     def field_files(self, wildcards):
-        """Return the files from which the fields of a mesh are answered."""
+        """Return the files from which the fields of a mesh are queried."""
         return self._answering(wildcards.mesh, self.specs(wildcards.mesh))
 
     def _answering(self, mesh, specs):
@@ -277,12 +277,12 @@ class Plan:
         return f"{self.folder}/{wildcards.mesh}/{spec.artifact}.zarr.zip"
 
     def native(self, wildcards):
-        """Return the files for ``pandis.h`` of a mesh."""
+        """Return a mesh's files for ``pandis.h``."""
         specs = [spec for spec in self.specs(wildcards.mesh) if spec.native]
         return [f"{self.folder}/{wildcards.mesh}/export/{spec.name}.pandis" for spec in specs]
 
     def distance_files(self, wildcards):
-        """Return the files for ``pandis.h`` of a mesh that may know distances."""
+        """Return a mesh's files for ``pandis.h`` whose fields may have distances."""
         folder = f"{self.folder}/{wildcards.mesh}/export"
         specs = distance_fields(self.entries[wildcards.mesh])
         return [f"{folder}/{spec.name}.pandis" for spec in specs]
@@ -331,7 +331,7 @@ class Plan:
         return paths
 
     def results(self, stem):
-        """Return one file of every mesh."""
+        """Return the path of the file ``stem`` of every mesh."""
         return [f"{self.folder}/{mesh}/{stem}" for mesh in self.entries]
 
     # --- params of rules ---------------------------------------------------------
@@ -362,7 +362,7 @@ class Plan:
         return self._options[key]
 
     def stage_options(self, stage, mesh=None, **wildcards):
-        """Return the options of one stage of one mesh, and nothing else: see `tasks`."""
+        """Return the options of one stage of one mesh: see `pandis.pipeline.run.ask.tasks`."""
         if stage == "verify":
             return VerifyTask(configfiles=self.files, store=self.store)
         if stage == "calibrate":
@@ -378,19 +378,19 @@ class Plan:
         return STAGES[stage].options(PlannedJob(stage, mesh, self.entries[mesh], wildcards, built))
 
     def train_threads(self, wildcards):
-        """Return the number of threads that a recipe trains with, which is one of its options."""
+        """Return the number of threads with which a recipe trains: one of the recipe's options."""
         return self.entries[wildcards.mesh].train[wildcards.recipe].threads
 
     def train_priority(self, wildcards):
         """Return a training's priority: the longest start first, as other jobs wait for them.
 
-        It is the number of steps, or ten for every second of a time budget.
+        It is the number of steps, or ten times the seconds of a time budget.
         """
         recipe = budgeted(self.entries[wildcards.mesh].train[wildcards.recipe])
         return recipe.steps or int(10 * recipe.seconds)
 
     def train_gpus(self, wildcards):
-        """Return how many GPUs a recipe claims."""
+        """Return the number of GPUs that a recipe's training reserves: 0 or 1."""
         return int(self.entries[wildcards.mesh].train[wildcards.recipe].device != "cpu")
 
 

@@ -21,7 +21,7 @@ class QueryTimes:
     Raises
     ------
     PandisError
-        The file is not such a table.
+        The file is not a table of this form.
     """
 
     def __init__(self, path):
@@ -45,9 +45,9 @@ class QueryTimes:
     def seconds(self, form, size, **shape):
         """Return the median time of one query.
 
-        Times are interpolated between the sizes of the table by logarithm. Beyond the largest size
-        they follow the last step, but never fall. The kind defines the work that a time grows
-        with, and the least growth beyond the table.
+        Logarithms of times are interpolated linearly over those of the kind's `work` at the sizes
+        in the table. Beyond the largest size the last slope continues, or the kind's `growth` if
+        that is greater.
 
         Parameters
         ----------

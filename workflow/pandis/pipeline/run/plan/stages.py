@@ -35,7 +35,7 @@ from pandis.pipeline.run.ask.tasks import (
 
 #: The recipe of networks that `fields: auto` may choose.
 CHOSEN_RECIPE = "pandis-exact"
-#: Scale of errors where nothing depends on the device's: changing that makes nothing stale.
+#: Scale for jobs independent of the device's, so that a change of the device's makes none stale.
 NOMINAL = {"size": 0.10, "stiffness": 400.0}
 
 
@@ -49,7 +49,7 @@ def stage_seed(root, *names):
 class PlannedJob:
     """A planned job: its stage, mesh, options and wildcards.
 
-    If it builds a field, ``built`` is one that its artifact contains.
+    If the job builds fields, ``built`` is one of the fields that its artifact contains.
     """
 
     stage: str
@@ -60,7 +60,7 @@ class PlannedJob:
 
     @property
     def seed(self):
-        """The seed of the stage; building a field has a separate one."""
+        """The job's seed, from the stage's name or, if it builds a field, from `Kind.stream`."""
         names = KINDS[self.built.kind].stream(self.built) if self.built else (self.stage,)
         return stage_seed(self.entry.seed, self.mesh, *names)
 
@@ -70,12 +70,12 @@ class PlannedJob:
         return dict(self.entry.device)
 
     def scale_of(self, target):
-        """Return the device's scale if the target is an error: newtons depend on it."""
+        """Return the device's scale if the target is an error, which may be in newtons."""
         return self.scale if target and target.force_error is not None else NOMINAL
 
     @property
     def band(self):
-        """How far a grid reaches below the surface and above it."""
+        """Depth below and height above the surface to which grids are valid (unit frame)."""
         return [self.entry.bake.inside, self.entry.bake.outside]
 
 
@@ -87,14 +87,14 @@ class Stage:
     ----------
     outputs : callable
         Returns, for a mesh's options, the path of each output below the mesh's folder and the
-        wildcards of its rule, besides the mesh.
+        wildcards of its rule other than the mesh.
     options : callable
-        Returns the options of a `PlannedJob` (`pandis.pipeline.run.ask.tasks`), and nothing else:
-        a change of them makes the job stale.
+        Returns the options of a `PlannedJob`: a model of `pandis.pipeline.run.ask.tasks`. A change
+        of any of them makes the job stale.
     target : str or None
         The named target that the outputs belong to.
     in_scenes : bool
-        Whether the objects of a scene need it.
+        Whether the objects of a scene need the outputs.
     """
 
     outputs: Callable

@@ -14,7 +14,7 @@ class Chosen(Record):
     held_out : dict of str to float
         ``mean``, ``p99``, ``missing`` and ``left_out`` on points that were not used to choose it.
     fits : float or None
-        Worst ratio to the limits: 1 or less. None for the exact field, which is not measured.
+        Largest ratio of an error to its limit, at most 1; None for the exact field (not measured).
     query_time : float or None
         s; None if the budget sets no query time.
     """
@@ -28,7 +28,7 @@ class Chosen(Record):
 
 
 class ScaleRecord(Record):
-    """Scale of errors: newtons per force of the unit frame, and the mean force there."""
+    """Scale of errors: newtons per unit of force in the unit frame, and the mean force there."""
 
     newtons: float
     mean_force: float

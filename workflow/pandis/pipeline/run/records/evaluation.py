@@ -63,7 +63,7 @@ class EvaluationRecord(Record):
     paths : dict of str to PathsRecord
         By field; empty if there is only one path.
     size, stiffness, newtons : float
-        The device's scale: m, N/m, and newtons per force of the unit frame.
+        The device's scale: m, N/m, and newtons per unit of force in the unit frame.
     count : int
         Number of trajectories.
     """
@@ -83,5 +83,5 @@ class EvaluationRecord(Record):
     count: int
 
     def attributes(self):
-        """Return the record as plain attributes, without the figures that a set lacks."""
+        """Return the record as plain attributes, without figures that are None."""
         return self.model_dump(exclude_none=True)

@@ -5,7 +5,7 @@ from pandis.pipeline.run.records.record import Record
 
 
 class WallVerdict(Record):
-    """Comparison of a field's forces with the exact ones, below points of every thickness.
+    """Comparison of a field's forces with the exact ones, below surface points of every thickness.
 
     Attributes
     ----------
@@ -49,22 +49,22 @@ class Pressed(Record):
     hands : dict of str to float
         Largest safe stiffness for this hand and for others, N/m, by their damping.
     released_n_m : float
-        The same with a weight in place of a hand.
+        Largest safe stiffness with a weight in place of a hand, N/m.
     stiffness : float
         N/m.
     strongest_n, steepest_n_per_ms : float
-        Largest force, and its largest change.
+        Largest force (N), and its largest change (N/ms).
     cut : int
         Ticks at the force limit.
     energy_j : float
-        Least energy balance of wall and device, J: see ``energy.h``.
+        Smallest energy balance of wall and device, J: see ``energy.h``.
     quiet : float
         Share of the presses that reach a wall and do not shake there. Presses that friction may
         have stopped before the wall are ignored.
     unarmed : int
         Presses that were skipped: the field pushed at every height at which one could begin.
     reach_m : float
-        Largest distance of the probe from the middle of the workspace.
+        Largest distance of the probe from the middle of the workspace, m.
     ended : str
         Reason, if a run ended early; otherwise empty.
     within_limits, passive : bool
@@ -137,16 +137,16 @@ class ProxyVerdict(Record):
     materials : dict of str to dict
         Feel of each surface, by material name.
     textures : dict of str to (pandis.pipeline.run.ask.contacts.TextureOptions or None)
-        By the same names; empty if there are none.
+        Texture of each surface, by the same names; empty if no surface has one.
     budget : int
         Largest number of queries per tick.
     queries, compute_us : dict of str to float
         Percentiles per tick, along the trajectory.
     miss_share : float
-        Share of ticks that computed too long. ``in_time``: it is small enough, and some ticks
-        touched.
+        Share of ticks that took too long to compute. ``in_time``: this share is small enough, and
+        some ticks were in contact.
     touching_share, behind_share : float
-        Shares of ticks that touched, and of ticks whose query budget did not suffice.
+        Shares of ticks in contact, and of ticks whose query budget was too small.
     devices : dict of str to TouchVerdict
     """
 
@@ -234,8 +234,8 @@ class AttachedRun(Record):
 class FieldVerdict(ServoVerdict):
     """Full verdict on a field: on this machine, every simulated device and the attached one.
 
-    ``advice`` tells the user what to do; ``sha256`` is that of the exported file. If there is no
-    proxy, ``proxy`` is None and ``no_proxy`` says why.
+    ``advice`` is a text for the user; ``sha256`` is the digest of the exported file. If there is no
+    proxy, ``proxy`` is None and ``no_proxy`` contains the reason.
     """
 
     devices: dict[str, DeviceVerdict]

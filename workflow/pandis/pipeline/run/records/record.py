@@ -10,7 +10,7 @@ from pandis.base.errors import ArtifactError
 
 
 class Record(BaseModel):
-    """Base of all records. Other attributes are ignored."""
+    """Base of all records. Attributes that are not fields are ignored."""
 
     model_config = ConfigDict(frozen=True, extra="ignore")
 
@@ -32,8 +32,8 @@ class Record(BaseModel):
             return cls.model_validate(values)
         except ValidationError as error:
             raise ArtifactError(
-                f"{artifact.path}: not of this version of pandis ({error.error_count()} attributes "
-                "are missing or have the wrong type); run the workflow again"
+                f"{artifact.path}: made by another version of pandis ({error.error_count()} "
+                "attributes are missing or have the wrong type); run the workflow again"
             ) from error
 
     def attributes(self):

@@ -4,7 +4,7 @@ from pandis.pipeline.run.records.record import Record
 
 
 class SamplesRecord(Record):
-    """Range of each stratum among the points, and the options they were drawn with."""
+    """Range of point indices of each stratum, and the options with which points were drawn."""
 
     strata: dict[str, tuple[int, int]]
     law: dict

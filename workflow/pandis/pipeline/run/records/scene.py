@@ -9,7 +9,7 @@ class PlacedRecord(PlacedObject):
     """An object of a scene, with its file and the map from mesh units to metres.
 
     ``materials`` and ``textures``: feel of its surface, or of each of its regions, by name.
-    ``beside_file``: file of a mesh that knows the region of a place, if the field does not.
+    ``beside_file``: file of a mesh that contains the regions, if the field's file does not.
     """
 
     file: str
@@ -31,7 +31,7 @@ class TouchedRecord(Record):
     queries_mean, queries_max : float, int
         Queries per tick.
     touched_share : float
-        Share of the ticks in which something is touched.
+        Share of the ticks in contact.
     different : int
         Number of forces that differ from those of stepping every object.
     median_us, p999_us : float

@@ -1,8 +1,8 @@
-"""Queries networks the paper's way: from a C++ program on LibTorch, one query at a time.
+"""Queries networks as the paper does: from a C++ program on LibTorch, one query at a time.
 
 `query.cpp` is built against the headers and libraries of the installed torch package. AOTInductor
-compiles the exported program (``.pt2``) for it. The compiled package is no artifact: it works with
-one version of torch on one processor.
+compiles the exported program (``.pt2``) for it. The compiled package is not stored as an artifact:
+it works only with one version of torch on one processor.
 """
 
 import os
@@ -39,18 +39,18 @@ def ask(path, points, queries):
     distance : ndarray, shape (n,)
     normal : ndarray, shape (n, 3)
     seconds : ndarray, shape (queries,)
-        Times of single queries at the points in order, over and over. All points were queried
-        once before, as a warm-up.
+        Times of single queries, which cycle through the points in order. As a warm-up, all points
+        are queried once before.
 
     Raises
     ------
     PandisError
-        There is no C++ compiler, or something does not build or run.
+        There is no C++ compiler, or a program does not build or run.
     """
     program = _program()
     with tempfile.TemporaryDirectory(prefix="pandis-") as folder:
         package, inputs, answered = (Path(folder) / n for n in ("a.pt2", "points", "answers"))
-        # for one small network helpers and precompiled headers cost more than they save
+        # for one small network, extra compile threads and precompiled headers do not pay off
         quick = {
             "TORCHINDUCTOR_CACHE_DIR": folder,
             "TORCHINDUCTOR_COMPILE_THREADS": "1",
@@ -66,7 +66,7 @@ def ask(path, points, queries):
 
 
 def _program():
-    """Build `query.cpp`, unless it is built already."""
+    """Build `query.cpp` unless it is already built; return the program's path."""
     import torch
     from torch.utils import cpp_extension
 
@@ -80,7 +80,7 @@ def _program():
     command = [compiler, "-O2", "-std=c++20"]
     command += [f"-I{include}" for include in cpp_extension.include_paths()]
     libraries = [f"-L{folder}", f"-Wl,-rpath,{folder}", "-ltorch", "-ltorch_cpu", "-lc10"]
-    command.append(f'-DPANDIS_TORCH="{torch.__version__}"')  # another version, another program
+    command.append(f'-DPANDIS_TORCH="{torch.__version__}"')  # one program per version
     return build(command, Path(__file__).with_name("query.cpp"), libraries, "libtorch-query")
 
 

@@ -8,9 +8,9 @@ import torch
 from pandis.base.streams import BOX, ORDER, generator
 from pandis.pipeline.run.records.samples import SamplesRecord
 
-#: Points drawn at once, each shown once.
+#: Number of points that are drawn together. Each is used once.
 FRESH = 1 << 18
-#: Blocks made while a GPU uses one: it uses a block faster than one can be made.
+#: Blocks made in parallel while a GPU uses one, because it uses a block faster than one is made.
 AHEAD = 5
 
 
@@ -24,9 +24,9 @@ class Batches:
     size : int
         Rows of a batch.
     per_block : int
-        Batches of a block.
+        Batches per block.
     device : str
-        Where batches are held. For a GPU the next blocks are made while one is in use.
+        Device that stores the batches. For a GPU the next blocks are made while one is in use.
     """
 
     def __init__(self, make, size, per_block, device):
@@ -46,7 +46,7 @@ class Batches:
         if self._pool is None:
             return torch.from_numpy(self._make(number))
         ready, following = self._ahead, range(number + 1, number + 1 + AHEAD)
-        # the first is made alone: if many begin at once, none is ready soon
+        # the first block is made alone: it would be ready later if several began together
         rows = ready[number].result() if number in ready else self._pinned(number)
         self._ahead = {k: ready.get(k) or self._pool.submit(self._pinned, k) for k in following}
         return rows.to(self.device, non_blocking=True)
@@ -58,8 +58,8 @@ class Batches:
 def surface_batches(places, base, size, seed, device):
     """Return the batches of the paper's recipe: an epoch is a block.
 
-    A row is a point of the surface, distance and normal there, and a point of the box; with a
-    base, also the base's value and gradient at both.
+    A row contains a point on the surface, the distance and normal there, and a point in the box;
+    with a base, also the base's value and gradient at both points.
 
     Parameters
     ----------
@@ -92,8 +92,8 @@ def area_points(samples):
 def vertex_points(surface, engine):
     """Return the vertices, their distances (zero) and their normals (n, 7), float32.
 
-    The normal of a mesh's vertex is its faces' mean, weighted by their angles there (Thürmer
-    and Wüthrich 1998); the vertices of a closed form's tessellation lie on it.
+    The normal at a mesh's vertex is the mean normal of its faces, weighted by their angles there
+    (Thürmer and Wüthrich 1998). The vertices of a tessellation are on its closed form.
     """
     points = surface.vertices
     normal = engine.distance_and_normal(points)[1]
@@ -101,10 +101,10 @@ def vertex_points(surface, engine):
 
 
 def fresh_batches(strata, base, size, seed, device):
-    """Return batches of points drawn and labelled on demand, and shown once.
+    """Return batches of points that are drawn and labelled on demand, and used once.
 
-    A label costs a thirtieth of what learning from it does, and a network that sees the
-    same points again memorises them: docs/training.md.
+    Labelling a point costs a thirtieth of training on it, and a network that is trained on
+    the same points again memorises them: see docs/training.md.
 
     Parameters
     ----------
@@ -123,9 +123,9 @@ def fresh_batches(strata, base, size, seed, device):
 
 
 def with_base(rows, base):
-    """Append the base's value and gradient to rows that begin with points: four columns.
+    """Append four columns, the base's value and gradient, to rows that begin with points.
 
-    The base is not trained, so these are needed only at the points of a batch.
+    The base is not trained, so its values are needed only at the points of a batch.
     """
     if base is None:
         return rows
@@ -140,10 +140,10 @@ def answer(output, gradient, rows):
     ----------
     output : Tensor, shape (n, 4) or (n, 1)
     gradient : Tensor, shape (n, 3), or None
-        The network's at the points of the rows; without a gradient the direction is among
-        its outputs.
+        The network's gradient at the points of the rows; None if the direction is among its
+        outputs.
     rows : Tensor, shape (n, 7) or (n, 11)
-        Rows of `fresh_batches`: the latter with a base.
+        Rows of `fresh_batches`; 11 columns with a base.
     """
     direction = output[:, 1:] if gradient is None else gradient
     if rows.shape[1] == 7:

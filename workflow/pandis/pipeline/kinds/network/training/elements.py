@@ -1,7 +1,7 @@
-"""Elementwise work of a step, between two products, and work that nothing waits for yet.
+"""Elementwise operations of a step, between two products, and work on a second stream.
 
-On a CPU these are our own loops or torch's. On a GPU each is one Warp kernel where torch has
-several, because a step there is many small kernels.
+On a CPU the operations use this library's loops or torch's. On a GPU each is one Warp kernel
+instead of several torch kernels, because a step there consists of many small kernels.
 """
 
 from functools import cache
@@ -12,7 +12,7 @@ from pandis.engine import waves
 
 
 def fused(values):
-    """Return the kernels for values on a GPU; None for others, and where there is no Warp."""
+    """Return the Warp kernels for float32 values on a GPU; None for others, or without Warp."""
     return _kernels() if values.is_cuda and values.dtype == torch.float32 else None
 
 
@@ -44,7 +44,7 @@ def sines(z, bias):
 
 
 def slopes_forward(along, chain, slope):
-    """Return along · chain; along becomes along · slope."""
+    """Return along · chain; along is multiplied by slope in place."""
     if (kernels := fused(along)) and chain.shape == along.shape:
         to_slope = torch.empty_like(along)
         kernels.launch(kernels.slopes_forward, along.shape, along, chain, slope, to_slope)
@@ -55,26 +55,26 @@ def slopes_forward(along, chain, slope):
 
 
 def slopes_back(back, slope, to_slope, sine):
-    """Set back to back · slope − to_slope · sine; to_slope may be None, and is overwritten."""
+    """Set back to back · slope − to_slope · sine; to_slope is overwritten; None counts as 0."""
     if to_slope is None:
         back *= slope
     elif kernels := fused(back):
         kernels.launch(kernels.slopes_back, back.shape, back, slope, to_slope, sine)
     else:
         back *= slope
-        back -= to_slope.mul_(sine)  # a cosine's slope
+        back -= to_slope.mul_(sine)  # the derivative of the cosine is −sine
 
 
 @cache
 def _second_stream(device, first):
-    """Return a second stream beside one: not torch's, which hands out the same 32 in turn."""
+    """Return a second stream beside the first; torch's own are the same 32 streams in turn."""
     return _kernels().new_stream(device)
 
 
 class Aside:
-    """Runs work in parallel, on a second stream of a GPU; elsewhere it runs at once.
+    """Runs work in parallel, on a second stream of a GPU.
 
-    Without Warp it runs at once on a GPU, too.
+    On a CPU, or without Warp, the work runs immediately.
 
     Parameters
     ----------
@@ -92,13 +92,13 @@ class Aside:
         """Return ``work(*values)``; the values must not change before `join`."""
         if self._stream is None:
             return work(*values)
-        self._alive.append(values)  # else their memory would be reused and overwritten
+        self._alive.append(values)  # keeps their memory from being reused and overwritten
         self._stream.wait_stream(torch.cuda.current_stream())
         with torch.cuda.stream(self._stream):
             return work(*values)
 
     def join(self):
-        """Make later work wait for all of it."""
+        """Make later work on the current stream wait for all work on the second one."""
         if self._stream is not None:
             torch.cuda.current_stream().wait_stream(self._stream)
             self._alive.clear()

@@ -9,7 +9,7 @@ from pandis.pipeline.kinds.network.training.vectors import SMALL, length
 
 
 def loss_of(output, gradient, rows, options):
-    """Return `exact_loss` of an `answer`: on a GPU, with its gradient, in one kernel."""
+    """Return the `exact_loss` of an `answer`; on a GPU one kernel computes it and its gradient."""
     if fused(output) is None:
         return exact_loss(*answer(output, gradient, rows), rows[:, 3], rows[:, 4:7], options)
     return _Regression.apply(output, gradient, rows, options)
@@ -50,8 +50,8 @@ def exact_loss(
     """Return the regression loss on exact distance and normal.
 
     The force error of a point at depth |d| is at most |Φ − d| + |d|·‖Ψ − n‖;
-    both parts are L1 losses, weighted toward the surface, where probes are. Far from it the weights
-    have a floor, so that the deep interior is learnt, too.
+    both parts are L1 losses, weighted towards the surface, where probes are. The weights have a
+    lower bound, so that the deep interior is learnt, too.
 
     Parameters
     ----------

@@ -7,12 +7,12 @@ from contextlib import contextmanager
 
 @contextmanager
 def noted():
-    """Note a request to stop instead of raising it at once; a second one is raised.
+    """Record the first request to stop instead of raising; a second raises KeyboardInterrupt.
 
     Yields
     ------
     callable
-        Tells whether the process was asked to stop (SIGINT or SIGTERM).
+        Returns whether the process has received SIGINT or SIGTERM.
     """
     signals = []
     if threading.current_thread() is not threading.main_thread():

@@ -10,17 +10,17 @@ from pandis.pipeline.geometry.distance import SURFACE_DISTANCE, MeshDistance
 
 
 class GpuDistance:
-    """The exact distance to a mesh, whose labels without ties come from a CUDA device.
+    """The exact distance to a mesh; labels without ties are computed on a CUDA device.
 
-    They have the signs of the host's, and their distances except for rounding: search and tree
-    are the same, also in double precision. Signs are not checked by winding numbers; those of the
-    stored samples are.
+    Their signs equal the host's, and their distances do except for rounding: search and tree are
+    the same, also in double precision. Signs are not checked by winding numbers, unlike those of
+    the stored samples.
 
     Parameters
     ----------
     engine : pandis.pipeline.geometry.distance.MeshDistance
     device : str
-        Warp's.
+        Name of the Warp device.
     """
 
     def __init__(self, engine, device="cuda"):
@@ -31,14 +31,14 @@ class GpuDistance:
         self._labels = MeshLabels(engine.tree_parts(), engine.reach, device)
 
     def label(self, points, ties=True, check=True):
-        """Answer as `MeshDistance.label` does; without ties no faces and no barycentrics."""
+        """Label as `MeshDistance.label` does; without ties, faces and barycentrics are None."""
         if ties:
             return self.engine.label(points, ties, check)
         distance, normal = self._labels.label(points, SURFACE_DISTANCE)
         return Labels(distance, normal, None, None, np.zeros(len(points), np.uint8))
 
     def distance_and_normal(self, points, progress=None, check=True):
-        """Answer as `MeshDistance.distance_and_normal` does, on the host."""
+        """Return the result of `MeshDistance.distance_and_normal`, computed on the host."""
         return self.engine.distance_and_normal(points, progress, check)
 
 
@@ -66,7 +66,7 @@ def on_device(engine, device, log):
 def own_stream(device):
     """Run the body on a new stream, if it would run on a GPU's default one.
 
-    Labels are made on another stream, and would wait there for all queued steps.
+    Labels are computed on another stream, which would wait for all steps on the default stream.
     """
     if device != "cuda" or torch.cuda.current_stream() != torch.cuda.default_stream():
         yield

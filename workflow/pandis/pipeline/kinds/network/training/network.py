@@ -1,7 +1,7 @@
 """The sine network in torch: Sitzmann et al. 2020, with the paper's four outputs or with one.
 
-Forward and backward passes are written out, even those through the gradient by
-position: autograd would keep and copy more, and needs a double backward pass.
+Forward and backward passes are written out, even those through the gradient with respect
+to position: autograd would store and copy more, and needs a double backward pass.
 """
 
 import itertools
@@ -19,12 +19,12 @@ from pandis.pipeline.kinds.network.training.products import product
 
 
 def usual_omega(width):
-    """Return ω0 for exact supervision: narrow networks get coarser waves."""
+    """Return the default ω0 for exact supervision; it is lower for narrower networks."""
     return 80.0 * (width / 256) ** 0.5
 
 
 def named_arrays(parameters):
-    """Return weights, then biases of all layers as the arrays of a model artifact."""
+    """Return parameters, all weights and then all biases, as arrays of a model artifact."""
     values = [p.detach().cpu().numpy() for p in parameters]
     count = len(values) // 2
     weights = {f"weight_{k}": value for k, value in enumerate(values[:count])}
@@ -43,15 +43,15 @@ class Siren(torch.nn.Module):
     omega : float
         ω0.
     outputs : int
-        4, or 1: Φ, whose gradient is then the direction.
+        4 (Φ and Ψ), or 1 (Φ, whose gradient is then the direction).
     generator : torch.Generator
         Source of the initial weights.
 
     Notes
     -----
-    Initialisation of SIREN's code: first layer U(±1/3), the others
-    U(±sqrt(6 / width) / ω0), the last one included although nothing multiplies
-    it by ω0; biases U(±1 / sqrt(fan-in)).
+    Weights are initialised as in SIREN's code: U(±1/3) in the first layer and
+    U(±sqrt(6 / width) / ω0) in the others, even in the last, which is not
+    multiplied by ω0. Biases are U(±1 / sqrt(fan-in)).
     """
 
     def __init__(self, width, depth, omega, outputs, generator):
@@ -78,7 +78,7 @@ class Siren(torch.nn.Module):
 
 
 class _Pass(torch.autograd.Function):
-    """Both passes through the network. Inside, a column is a point: the faster layout."""
+    """Both passes through the network. Inside, each column is a point: this layout is faster."""
 
     @staticmethod
     def forward(ctx, points, omega, with_gradient, *parameters):

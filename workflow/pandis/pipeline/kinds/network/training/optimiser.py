@@ -1,8 +1,8 @@
 """Steps of the optimisers: Adam, and Muon for the matrices between sine layers.
 
 Muon (Jordan 2024; for sine networks McGinnis et al. 2025, arXiv 2512.14366): the
-step is the momentum with all of its singular values set to one, so that no
-direction of a matrix is left behind.
+step is the momentum with all of its singular values set to one, so that all
+directions of a matrix are trained equally.
 """
 
 import torch
@@ -27,7 +27,7 @@ def orthogonal(matrices):
     """
     a, b, c = _QUINTIC
     x = matrices / (matrices.norm(dim=(1, 2), keepdim=True) + 1e-20)
-    if x.is_cuda:  # half as many kernels and, like Jordan's code, half the digits
+    if x.is_cuda:  # half as many kernels, and half the digits, as in Jordan's code
         x = x.bfloat16()
         for _ in range(_ROUNDS):
             square = torch.bmm(x, x.mT)
@@ -47,9 +47,9 @@ class Optimiser:
     ----------
     network : pandis.pipeline.kinds.network.training.network.Siren
     learning_rate : float
-        Adam's.
+        Adam's learning rate.
     matrix_rate : float or None
-        Muon's, as a step of ω0·W; None leaves the matrices to Adam.
+        Muon's learning rate, as a step of ω0·W; with None, Adam trains the matrices.
     """
 
     MOMENTUM = 0.95
@@ -70,7 +70,7 @@ class Optimiser:
         self.adam = torch.optim.Adam(others, lr=rate, fused=True, capturable=graph)
 
     def set_share(self, share):
-        """Set the step sizes to a share of the largest."""
+        """Set the step sizes to a share of their largest values."""
         self.share.fill_(share)
         for group in self.adam.param_groups:
             if not torch.is_tensor(group["lr"]):
@@ -78,7 +78,7 @@ class Optimiser:
 
     @torch.no_grad()
     def step(self):
-        """Take a step along the gradients that the parameters hold."""
+        """Take a step along the gradients stored in the parameters."""
         for group in self.adam.param_groups:
             if torch.is_tensor(group["lr"]):  # so that a recorded step follows the share
                 torch.mul(self.share, self.learning_rate, out=group["lr"])
@@ -92,11 +92,11 @@ class Optimiser:
         torch._foreach_sub_(self.matrices, steps.unbind())
 
     def state(self):
-        """Return what a checkpoint has to hold."""
+        """Return the state that a checkpoint must store."""
         return {"adam": self.adam.state_dict(), "momenta": self.momenta}
 
     def restore(self, state):
-        """Go back to a `state`."""
+        """Restore a `state`."""
         self.adam.load_state_dict(state["adam"])
         for momentum, stored in zip(self.momenta, state["momenta"], strict=True):
             momentum.copy_(stored)

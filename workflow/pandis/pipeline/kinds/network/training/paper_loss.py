@@ -1,11 +1,11 @@
 """The paper's loss. Each of its seven terms is one function; means are over the points given.
 
-Four of the terms hold on the surface or off it only. SIREN's code sets them to zero at the
+Five of the terms apply only on the surface or only off it. SIREN's code sets them to zero at the
 other points and averages over the whole batch; the paper does not say. Both can be chosen.
 
-Readings where the print cannot be meant (see ``docs/architecture.md``): inner
-products are cosines, because raw products are unbounded below; ‖·‖ − 1 has an
-absolute value, because a vanishing Ψ would be rewarded.
+Where the printed formulas cannot be meant literally (see ``docs/architecture.md``), inner
+products are read as cosines, because raw products are unbounded below, and ‖·‖ − 1 as its
+absolute value, because otherwise a vanishing Ψ would be rewarded.
 """
 
 import torch
@@ -21,38 +21,38 @@ from pandis.pipeline.kinds.network.training.vectors import cosine, length
 
 
 def eikonal(gradient):
-    """Eq. 3, term 1: | ‖∇Φ‖ − 1 |."""
+    """Return Eq. 3, term 1: | ‖∇Φ‖ − 1 |."""
     return (length(gradient) - 1).abs().mean()
 
 
 def normal_alignment(gradient, normal):
-    """Eq. 3, term 2, on the surface: 1 − cos(∇Φ, n)."""
+    """Return Eq. 3, term 2, on the surface: 1 − cos(∇Φ, n)."""
     return (1 - cosine(gradient, normal)).mean()
 
 
 def surface(phi):
-    """Eq. 3, term 3, on the surface: |Φ|."""
+    """Return Eq. 3, term 3, on the surface: |Φ|."""
     return phi.abs().mean()
 
 
 def off_surface(phi, alpha):
-    """Eq. 3, term 4, off the surface: exp(−a |Φ|)."""
+    """Return Eq. 3, term 4, off the surface: exp(−a |Φ|)."""
     # at 80 the result (1e-35) no longer matters, and float32 is not yet subnormal
     return torch.exp(-(alpha * phi.abs()).clamp(max=80.0)).mean()
 
 
 def unit_length(psi):
-    """Eq. 4, term 1: | ‖Ψ‖ − 1 |."""
+    """Return Eq. 4, term 1: | ‖Ψ‖ − 1 |."""
     return (length(psi) - 1).abs().mean()
 
 
 def psi_on_surface(psi, normal):
-    """Eq. 4, term 2, on the surface: 1 − cos(Ψ, n)."""
+    """Return Eq. 4, term 2, on the surface: 1 − cos(Ψ, n)."""
     return (1 - cosine(psi, normal)).mean()
 
 
 def psi_off_surface(psi, gradient):
-    """Eq. 4, term 3, off the surface: 1 − cos(Ψ, ∇Φ)."""
+    """Return Eq. 4, term 3, off the surface: 1 − cos(Ψ, ∇Φ)."""
     return (1 - cosine(psi, gradient)).mean()
 
 
@@ -71,7 +71,7 @@ def paper_loss(
     on, off : Tensor, shape (n, 4) or (n, 1)
         (Φ, Ψ) on the surface and in the box; with Φ alone only the terms of Eq. 3 count.
     on_gradient, off_gradient : Tensor, shape (n, 3)
-        ∇Φ there.
+        ∇Φ at the same points.
     normal : Tensor, shape (n, 3)
         The mesh's normal at the surface points.
     options : pandis.pipeline.run.ask.recipes.PaperRecipe

@@ -1,4 +1,4 @@
-"""Matrix products on the CPU, through oneDNN where torch has it, and memory for them.
+"""Matrix products, on the CPU through oneDNN where torch has it, and reuse of their memory.
 
 MKL, which torch uses for float32 products, is slow on AMD's processors; oneDNN is
 not.
@@ -13,7 +13,7 @@ _ONEDNN = torch.backends.mkldnn.is_available() and hasattr(torch.ops.mkldnn, "_l
 
 
 def product(a, b, more=None):
-    """Return a @ b of matrices (m, k) and (k, n), or of stacks (s, m, k) and (s, k, n) of them.
+    """Return a @ b for matrices (m, k) and (k, n), or for stacks (s, m, k) and (s, k, n).
 
     ``more`` (m, n) is added to a product of matrices.
     """
@@ -27,10 +27,10 @@ def product(a, b, more=None):
 
 
 def keep_freed_memory():
-    """Tell glibc to keep freed blocks for the next step; elsewhere do nothing.
+    """Make glibc keep freed blocks for the next step; with another C library do nothing.
 
-    By default it hands the megabytes of every intermediate back to the system, which
-    clears them again page by page.
+    By default glibc returns the megabytes of every intermediate to the system, which
+    clears the pages again when they are next used.
     """
     trim_threshold, mmap_threshold = -1, -3
     with contextlib.suppress(OSError, AttributeError):

@@ -1,18 +1,18 @@
-"""Steps on a GPU, recorded once and replayed: launching kernels costs more than running them."""
+"""Records a GPU step once and replays it: launching kernels costs more than running them."""
 
 import threading
 
 import torch
 
-#: Steps that are taken before one is recorded.
+#: Number of steps that run before one is recorded.
 _EAGER_STEPS = 3
 #: Several trainers may share a GPU, each with its own thread and stream; while one of them
-#: records, the others must not launch what they have recorded.
+#: records, the others must not replay their recorded steps.
 _RECORDING = threading.Lock()
 
 
 class RecordedStep:
-    """Takes the steps of one training.
+    """Takes the steps of one training run.
 
     Parameters
     ----------
@@ -32,8 +32,8 @@ class RecordedStep:
                 self._graph.replay()
             return self._loss
         self._rows = rows.clone()
-        # The default stream cannot be recorded. A stream that the caller has chosen is used
-        # again: torch hands out 32 in turn, and two recordings on one may share memory.
+        # The default stream cannot be recorded. A stream that the caller has chosen is reused:
+        # torch has only 32 streams, and two recordings on the same stream may share memory.
         current = torch.cuda.current_stream()
         chosen = current != torch.cuda.default_stream()
         side = current if chosen else torch.cuda.Stream()

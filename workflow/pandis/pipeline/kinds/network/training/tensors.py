@@ -11,5 +11,5 @@ OffVectors = Float[torch.Tensor, "m 3"]
 #: The k outputs of a network at n points on the surface, and at m off it.
 Outputs = Float[torch.Tensor, "n k"]
 OffOutputs = Float[torch.Tensor, "m k"]
-#: A loss.
+#: A scalar loss.
 Loss = Float[torch.Tensor, ""]

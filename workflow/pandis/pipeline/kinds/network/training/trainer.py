@@ -34,20 +34,20 @@ from pandis.pipeline.run.records.samples import SamplesRecord
 CHECKPOINT_SECONDS = 20.0
 CURVE_POINTS = 100
 QUICK = 4000
-#: A run whose error exceeds DIVERGED times the least so far has diverged. It is not judged before
-#: EARLY of the budget, nor below HARMLESS of the force: a base may be nearly right at first.
+#: A run has diverged if its error exceeds DIVERGED times the least so far, but not before EARLY of
+#: the budget, and not below HARMLESS of the mean force: a base may be nearly right at first.
 DIVERGED, EARLY, HARMLESS = 4.0, 0.05, 0.1
 RESTARTS = 5
-#: Options that state the accuracy wanted, not how a network was trained.
+#: Options that set the requested accuracy, not the training of a network.
 _NOT_OF_A_TRAINING = {"force_error", "tail", "missed"}
 
 
 @contextlib.contextmanager
 def _subnormals_as_zero():
-    """Treat subnormal numbers as zero, on this thread, and only within the body.
+    """Treat subnormal numbers as zero on this thread, only within the body.
 
-    A processor takes many times as long for a subnormal number. Other code must not run with this
-    arithmetic: SciPy's k-d tree, for one, then splits a node forever.
+    Processors are many times slower on subnormal numbers. Other code must not run with this
+    setting: SciPy's k-d tree, for example, then splits a node forever.
     """
     torch.set_flush_denormal(True)
     try:
@@ -60,7 +60,7 @@ class Trainer:
     """Trains one network; the same options and samples give the same bytes.
 
     A step depends only on the seed and its own number, so that a run
-    resumed from a checkpoint ends like an uninterrupted one.
+    resumed from a checkpoint gives the same result as an uninterrupted one.
 
     Parameters
     ----------
@@ -68,9 +68,9 @@ class Trainer:
     samples : pandis.pipeline.run.job.artifact.Artifact
         Artifact of kind ``samples``.
     strata : pandis.pipeline.geometry.strata.Strata
-        Draws fresh points, for recipes on exact distances.
+        Draws fresh points for recipes that train on exact distances.
     checkpoint : path-like
-        Where to keep the state of an unfinished run.
+        File for the state of an unfinished run.
     log : callable
         Takes a line of text.
     """
@@ -123,7 +123,7 @@ class Trainer:
     # --- one step ----------------------------------------------------------------
 
     def _outputs(self, rows):
-        """Return the network's outputs (n, 4) or (n, 1), and its gradient (n, 3) if wanted."""
+        """Return the outputs (n, 4) or (n, 1), and the gradient (n, 3) if it is the direction."""
         if self.own_gradient:
             return self.network.forward_with_gradient(rows[:, :3])
         return self.network(rows[:, :3]), None
@@ -138,15 +138,15 @@ class Trainer:
         output, gradient = self.network.forward_with_gradient(torch.cat([points, rows[:, 7:10]]))
         if self.base is not None:
             known = torch.cat([rows[:, 10:14], rows[:, 14:18]])
-            # the gradient is added to Ψ, the other columns; with Φ alone there are none
+            # the base's gradient is added to Ψ, the other columns; with Φ alone there are none
             output = output + known[:, : output.shape[1]]
             gradient = gradient + known[:, 1:]
         return paper_loss(output[:n], gradient[:n], output[n:], gradient[n:], normal, self.options)
 
     def _rate(self, share):
-        """Return the step size at a share of the budget, as a share of the largest.
+        """Return the step size at a share of the budget, as a share of the largest step size.
 
-        Constant, or a warm-up and then half a cosine to zero.
+        The step size is constant, or rises in a warm-up and falls to zero by half a cosine.
         """
         if self.options.schedule == "constant":
             return self.slowdown
@@ -203,7 +203,7 @@ class Trainer:
         self._resume()
         report.resume(self.step if steps else self.elapsed)
         with noted() as interrupted, own_stream(self.device):
-            if self.device == "cuda":  # else loading its kernels takes from the budget
+            if self.device == "cuda":  # kernels are loaded now, outside the budget
                 if not fused(self.parameters[0]):
                     self.log("steps take longer without Warp: pip install warp-lang")
                 torch.autograd.grad(self._loss(self.batches.batch(self.step)), self.parameters)
@@ -214,7 +214,7 @@ class Trainer:
         return result
 
     def _until(self, steps, seconds, report, interrupted):
-        """Take steps to the end of the budget; return a note on the last ones."""
+        """Take steps to the end of the budget; return a note with the last loss and error."""
         start, saved = time.monotonic() - self.elapsed, time.monotonic()
         every = max(1, steps // CURVE_POINTS) if steps else 50
         note = ""
@@ -226,7 +226,7 @@ class Trainer:
             share = done / (steps or seconds)
             loss = self._advance(share)
             if self.step % every == 0:
-                # on a GPU all of this is queued before any of it is waited for
+                # on a GPU all of this is queued before the first wait
                 state, finite = self._state(), self._finite()
                 error = self._offs(self.held_out[:QUICK]).mean()
                 value, error, finite = torch.stack([loss, error, finite]).tolist()
@@ -248,21 +248,21 @@ class Trainer:
                 raise KeyboardInterrupt
 
     def keep(self):
-        """Write the state as it is, so that a later run need not train again."""
+        """Save the current state, so that a later run need not train again."""
         self.good = self._state()
         self._save()
 
     def finish(self):
-        """Remove the checkpoints, even those of older options: the artifact is written."""
+        """Remove the checkpoints, even those of older options, once the artifact is written."""
         for path in self.checkpoint.parent.glob(f"{self.checkpoint.name.split('.')[0]}.*pt"):
             path.unlink()
-        with contextlib.suppress(OSError):  # other recipes may still have theirs there
+        with contextlib.suppress(OSError):  # it may contain checkpoints of other recipes
             self.checkpoint.parent.rmdir()
 
     # --- divergence ----------------------------------------------------------------
 
     def _diverged(self, share, error):
-        # the paper's loss knows no distances, and its error comes and goes
+        # the paper's loss uses no distances, and its error rises and falls
         harmful = max(DIVERGED * self.least, HARMLESS * self.force)
         return not self.paper and share > EARLY and error > harmful
 
@@ -270,7 +270,7 @@ class Trainer:
         return torch.stack([torch.isfinite(p).all() for p in self.parameters]).all()
 
     def _restart(self):
-        """Go back to the last good state, with steps half as large."""
+        """Restore the last good state, and halve the step size."""
         at, self.restarts = self.step, self.restarts + 1
         if self.good is None or self.restarts > RESTARTS:
             self.checkpoint.unlink(missing_ok=True)
@@ -279,7 +279,7 @@ class Trainer:
         self._restore(self.good)
         self.slowdown, self.restarts = slowdown, restarts
         self.log(
-            f"warning: diverged at step {at}; continues from step {self.step}, steps half as large"
+            f"warning: diverged at step {at}; continues from step {self.step}, step size halved"
         )
 
     def _divergence(self, how):
@@ -360,7 +360,7 @@ class Trainer:
             for parameter, value in zip(self.parameters, state["parameters"], strict=True):
                 parameter.copy_(value)
         self.optimiser.restore(copy.deepcopy(state["optimiser"]))
-        self._recorded = RecordedStep(self._descend)  # the old optimiser's memory is not read again
+        self._recorded = RecordedStep(self._descend)  # the old one uses the old optimiser's memory
         self.step, self.curve = state["step"], list(state["curve"])
         self.least, self.slowdown = state["least"], state["slowdown"]
         self.restarts = state["restarts"]
@@ -373,7 +373,7 @@ class Trainer:
             torch.save(state, part)
             part.replace(self.checkpoint)
         except (OSError, RuntimeError) as error:  # torch reports a full disk as RuntimeError
-            # a checkpoint is a convenience: the run goes on without
+            # a checkpoint is optional, so the run continues without it
             with contextlib.suppress(OSError):
                 part.unlink(missing_ok=True)
             self.log(f"warning: no checkpoint at step {state['step']}: {error}")

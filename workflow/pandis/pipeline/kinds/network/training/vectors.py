@@ -2,7 +2,7 @@
 
 import torch
 
-#: Below this length a direction counts as undefined, and cosines stay smooth.
+#: Length below which a direction counts as undefined. It keeps cosines smooth.
 SMALL = 1e-4
 
 
