@@ -3,6 +3,7 @@
 import igl
 import numpy as np
 import pytest
+import yaml
 
 from pandis.base.errors import PandisError
 from pandis.pipeline.geometry.shapes import SHAPES
@@ -397,6 +398,19 @@ def test_a_rung_out_of_memory_fails_and_names_the_option(monkeypatch):
     monkeypatch.setattr(tools, "call", call)
     with pytest.raises(PandisError, match=r"raise mesh\.rung_memory_gb, or leave this rung out"):
         fix(*copies(ball(1), ball(1, centre=(1.0, 0, 0))))
+
+
+@pytest.mark.slow
+def test_a_rung_whose_package_is_missing_is_not_passed_over(monkeypatch, tmp_path):
+    """The next rung would give another mesh there than where the package is installed."""
+    (tmp_path / "pymeshfix.py").write_text("import a_package_that_is_missing")
+    monkeypatch.setenv("PYTHONPATH", str(tmp_path))
+    vertices, faces = ball(2)
+    with pytest.raises(PandisError, match=r"meshfix needs a package: No module named") as refused:
+        fix(vertices, faces[1:], rungs=["meshfix", "remesh"])
+    left = yaml.safe_load(str(refused.value).partition("mesh.rungs: ")[2])
+    assert left == ["remesh"]
+    assert fix(vertices, faces[1:], rungs=left)[3] == ["remesh"]
 
 
 @pytest.mark.slow

@@ -94,13 +94,17 @@ class Ladder:
             vertices, faces = tools.call(
                 operation, self.vertices, self.faces, **limits, **parameters
             )
-        except tools.LimitError as error:
+        except (tools.LimitError, tools.MissingError) as error:
             left = [name for name in self.options.rungs if name != rung]
-            key = "rung_seconds" if "longer" in str(error) else "rung_memory_gb"
-            raise PandisError(
-                f"repair: {rung} {error}; raise mesh.{key}, or leave this rung out: "
-                f"mesh.rungs: [{', '.join(left)}]"
-            ) from error
+            out = f"or leave this rung out: mesh.rungs: [{', '.join(left)}]"
+            if isinstance(error, tools.MissingError):  # without it the result would be another
+                remedy = (
+                    f"needs a package: {error}; pip install 'pandis-fields[make,repair]', {out}"
+                )
+            else:
+                key = "rung_seconds" if "longer" in str(error) else "rung_memory_gb"
+                remedy = f"{error}; raise mesh.{key}, {out}"
+            raise PandisError(f"repair: {rung} {remedy}") from error
         except tools.ToolError as error:
             self._note(entry, f"failed: {error}")
             return False

@@ -16,6 +16,7 @@ from pathlib import Path
 
 import numpy as np
 
+from pandis.base.children import python_path
 from pandis.pipeline.mesh.formats import FormatError, Reading
 from pandis.pipeline.mesh.formats import read as read_format
 
@@ -26,6 +27,10 @@ class ToolError(Exception):
 
 class LimitError(ToolError):
     """A tool needed more time or memory than allowed."""
+
+
+class MissingError(ToolError):
+    """A tool's package cannot be imported; the message names it."""
 
 
 def call(operation, vertices=None, faces=None, *, seconds, memory_gb, **parameters):
@@ -51,6 +56,8 @@ def call(operation, vertices=None, faces=None, *, seconds, memory_gb, **paramete
     ------
     LimitError
         The operation exceeded its limit on time or memory.
+    MissingError
+        The operation's package is not installed.
     ToolError
         The operation crashed or raised an exception.
     """
@@ -109,9 +116,9 @@ def _run(operation, mesh, seconds, memory_gb, parameters):
             str(source),
             str(output),
         ]
-        root = str(Path(__file__).resolve().parents[3])
+        root = Path(__file__).resolve().parents[3]
         one = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"), "1")
-        environment = os.environ | {"PYTHONPATH": root, **one}
+        environment = os.environ | {"PYTHONPATH": python_path(root), **one}
         try:
             done = subprocess.run(
                 command,
@@ -130,7 +137,9 @@ def _run(operation, mesh, seconds, memory_gb, parameters):
                 raise LimitError(f"needs more than {memory_gb:g} GB of memory")
             if done.returncode < 0:
                 raise ToolError(f"crashed (signal {-done.returncode})")
-            raise ToolError((done.stderr.strip().splitlines() or ["no message"])[-1])
+            message = (done.stderr.strip().splitlines() or ["no message"])[-1]
+            kind, _, what = message.partition(": ")
+            raise MissingError(what) if kind == "ModuleNotFoundError" else ToolError(message)
         with np.load(output) as data:
             unit = str(data.get("unit", "unknown"))
             notes = data["notes"].tolist() if "notes" in data else []

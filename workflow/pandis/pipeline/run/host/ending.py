@@ -6,6 +6,8 @@ import subprocess
 import sys
 from pathlib import Path
 
+from pandis.base.children import python_path
+
 
 def farewell(plan):
     """Return the last message of a successful run."""
@@ -74,7 +76,7 @@ def partial_report(plan, workflow):
         command,
         input=json.dumps(facts, default=str),
         text=True,
-        env=os.environ | {"PYTHONPATH": str(plan.digests.root)},
+        env=os.environ | {"PYTHONPATH": python_path(plan.digests.root)},
         check=False,
     )
     if done.returncode == 0:
