@@ -75,7 +75,7 @@ def test_a_tree_that_is_too_deep_is_left_to_the_host(monkeypatch):
     """A point would write beyond its room, and the answers would be anybody's."""
     engine = engine_of(finned_ball())
     monkeypatch.setattr(meshes, "ROOM", 14)
-    with pytest.raises(RuntimeError, match="so deep that"):
+    with pytest.raises(RuntimeError, match="tree is too deep"):
         meshes.MeshLabels(engine.tree_parts(), engine.reach, "cpu")
 
 

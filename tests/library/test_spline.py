@@ -121,7 +121,7 @@ def test_sparse_is_dense_with_zeros(share):
 
 
 def test_coefficients_must_match_the_masks():
-    with pytest.raises(ValueError, match="as many blocks"):
+    with pytest.raises(ValueError, match="differs from the number of bits"):
         SparseSpline(Lattice(8), pack(np.ones((4, 4, 4), bool)), np.zeros((63, 8), np.float32))
 
 

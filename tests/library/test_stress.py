@@ -225,7 +225,7 @@ def test_fields_that_need_a_path_are_skipped_with_a_reason(sphere):
     field.ordered = True
     attributes = stress([field], [], sphere, 1, silent_progress)[1]
     assert attributes["fields"] == {}
-    assert "way" in attributes["skipped"]["salisbury"]
+    assert "path" in attributes["skipped"]["salisbury"]
 
 
 # --- known figures ----------------------------------------------------------------------

@@ -284,7 +284,7 @@ def test_what_is_wrong_is_said(box):
     bridge, _, _ = bridge_of(box)
     order = bridge.in_step(10, TOUCH.limits(1e-3, 400.0))
     for wrong in (order, order._replace(between=None, hold=5)):
-        with pytest.raises(ValueError, match="use Bridge.order by the clock"):
+        with pytest.raises(ValueError, match="use Bridge.order in real time"):
             run_simulated(Simulated(), 0, 0, 0, wrong, clock=True)
 
 

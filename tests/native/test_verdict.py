@@ -119,7 +119,7 @@ def test_a_hard_push_is_beyond_the_devices_limit(files, surface):
     assert found.cut > 0
     assert found.strongest_n == pytest.approx(DEVICES["touch"].force)
     assert judge(found, WHOLE) == "fail"
-    assert "wanted more than its 3.3 N" in device_sentence("touch", found, WHOLE)
+    assert "required more than its 3.3 N" in device_sentence("touch", found, WHOLE)
 
 
 def test_late_forces_lower_the_safe_stiffness(files, surface):

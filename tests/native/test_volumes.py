@@ -155,7 +155,7 @@ def test_what_makes_no_volume_is_said(name, asked, said, files, tmp_path):
     path = tmp_path / "field.vdb"
     with pytest.raises(PandisError, match=said):
         write_volume(NativeField(files[name]), path, **asked)
-    with pytest.raises(PandisError, match="is called"):
+    with pytest.raises(PandisError, match="file name must end in"):
         write_volume(NativeField(files["exact"]), tmp_path / "field.txt")
     assert not list(tmp_path.iterdir())
 

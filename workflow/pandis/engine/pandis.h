@@ -3724,8 +3724,8 @@ static void pandis__roughen(const pandis__proxy *p, const double *at, pandis_ans
     *free = fmin(*free, (*free - raised) / sqrt(1 + 4 * t->steepest * t->steepest)), *sure -= t->most * f->scale;
 }
 
-/* Lower bound of the distance to a network's surface from a place beyond its box. The surface is inside the box, and at
- * least a share of the network's distance away from the nearest point of the box. */
+/* Lower bound of the distance to a network's surface from a place beyond its box. The surface is inside the box. Its
+ * distance from the nearest point of the box is at least a share of the network's distance there. */
 PANDIS__ONCE static double pandis__free_beyond(const pandis__proxy *p, const double *at, double distance) {
     double way = 0;
     for (int k = 0; k < 3; k++) {
@@ -4324,7 +4324,7 @@ PANDIS__ONCE static int pandis__walk_on(pandis__proxy *p, pandis__way *way, cons
     double slip = -1, clear = 0, slope = 1, side[3] = {0};
     const int most = c->options.budget - 1; /* the hops that follow lead nowhere */
     int first = !p->exact, good = 1, anew = 0; /* out of the surface first, if the proxy has sunk in */
-    if (p->exact) { /* balls at the lift of the last one join it */
+    if (p->exact) { /* keep the last ball's height, so that new balls join it */
         double far = pandis__between(p->ball, p->x), least = fmax(far / PANDIS__FARTHEST, PANDIS__NEAR);
         c->lift = fmin(PANDIS__HOVER, fmax(fmin(c->lift, far), least));
         if (far > p->ball[3] + PANDIS__GAP) good = pandis__stand(p);
@@ -4350,7 +4350,7 @@ PANDIS__ONCE static int pandis__walk_on(pandis__proxy *p, pandis__way *way, cons
         else if (good == 1) good = step <= 3 * pace && along > fmax(friction, PANDIS__LEAN * left) && nearer > 1e-3 * pace;
         /* a place behind the surface with the opposite normal is a thin wall's other side */
         if (good == 1 && pace > clear && behind > 0.1 * step && pandis__dot(side, look.normal) < -0.5) good = 0;
-        int apart = 0; /* no ball joins the last one, although the proxy is in front of the walls at the place */
+        int apart = 0; /* no ball there joins the last one, although the proxy is in front of the walls seen from there */
         if (good == 1 && p->exact) {
             good = p->queries < c->options.budget ? pandis__covers(p, look.at, step > PANDIS__SLIVER) : 0;
             apart = !good && !anew;

@@ -61,8 +61,8 @@ def page(name, fields, size, stiffness):
     """
     if not (0 < size <= LONGEST and 0 <= stiffness <= STIFFEST):
         raise PandisError(
-            f"size: {size:g}, stiffness: {stiffness:g}: an object on a page is up to {LONGEST:g} m "
-            f"long, and its stiffness up to {STIFFEST:g} N/m"
+            f"size: {size:g}, stiffness: {stiffness:g}: an object on a page may be at most "
+            f"{LONGEST:g} m long, and its stiffness at most {STIFFEST:g} N/m"
         )
     total = sum(field.path.stat().st_size for field in fields)
     if total > LARGEST:

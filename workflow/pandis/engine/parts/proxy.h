@@ -61,8 +61,8 @@ static void pandis__roughen(const pandis__proxy *p, const double *at, pandis_ans
     *free = fmin(*free, (*free - raised) / sqrt(1 + 4 * t->steepest * t->steepest)), *sure -= t->most * f->scale;
 }
 
-/* Lower bound of the distance to a network's surface from a place beyond its box. The surface is inside the box, and at
- * least a share of the network's distance away from the nearest point of the box. */
+/* Lower bound of the distance to a network's surface from a place beyond its box. The surface is inside the box. Its
+ * distance from the nearest point of the box is at least a share of the network's distance there. */
 PANDIS__ONCE static double pandis__free_beyond(const pandis__proxy *p, const double *at, double distance) {
     double way = 0;
     for (int k = 0; k < 3; k++) {

@@ -154,7 +154,7 @@ class SparseSpline:
         return self._brick.nbytes + self._mask.nbytes + self._base.nbytes
 
     def add(self, points, value, gradient):
-        """Add to values (n,) and gradients (n, 3) at points (n, 3).
+        """Add the spline to values (n,) and gradients (n, 3) at points (n, 3).
 
         Returns
         -------

@@ -101,7 +101,7 @@ def read_vti(path):
             raise ValueError("it has no appended raw data")
         root = ElementTree.fromstring(head + b"</VTKFile>")
         if root.get("byte_order") != "LittleEndian" or root.get("header_type") != "UInt64":
-            raise ValueError("its byte order or header type differs")
+            raise ValueError("its byte order or header type is unexpected")
         image = root.find("ImageData")
         low = [int(n) for n in image.get("WholeExtent").split()]
         shape = [high - first + 1 for first, high in zip(low[::2], low[1::2], strict=True)]

@@ -177,7 +177,7 @@ class Chooser:
         if failed:
             question = (QUESTIONS | PROXY_QUESTIONS)[failed[0]]
             why = question.says(answers[failed[0]])
-            return measured._replace(why=f"meets the errors, but fails the stress suite: {why}",
+            return measured._replace(why=f"meets the limits, but fails the stress suite: {why}",
                                      excess=max(measured.excess, 1.0))  # fmt: skip
         return measured
 

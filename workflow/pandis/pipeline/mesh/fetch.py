@@ -29,8 +29,8 @@ def fetch(url, sha256, progress):
                     report.update(done)
     except (urllib.error.URLError, http.client.HTTPException, OSError, ValueError) as error:
         raise PandisError(
-            f"{url}: cannot be fetched ({error}); without network, download it elsewhere and "
-            "give its path as `source`"
+            f"{url}: cannot be fetched ({error}); without network access, download it "
+            "elsewhere and give its path as `source`"
         ) from error
     data = b"".join(parts)
     digest = hashlib.sha256(data).hexdigest()

@@ -24,7 +24,7 @@ def picks(rows, hardware, folder):
     """
     able, tried = usable(rows, hardware), hardware.fields
     exact = [row for row in able if row["contact_mean"] == 0]
-    exact = sorted(exact, key=lambda row: row["field"] != "exact")[:1]  # or `auto`, if exact
+    exact = sorted(exact, key=lambda row: row["field"] != "exact")[:1]  # or an exact `auto`
     others = [row for row in able if row["contact_mean"] > 0]
     best = [min(others, key=lambda row: row["contact_mean"])] if others else []
     picked = [_pick(row, tried[row["field"]], folder) | {"why": "Use"} for row in exact + best]

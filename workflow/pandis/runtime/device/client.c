@@ -37,7 +37,7 @@ typedef struct {
     pandis_scene *scene;
     guard_limits limits;
     double period, deadline; /* s; a tick that computes longer than the deadline is an overrun */
-    int overruns;            /* in a row that end the run */
+    int overruns;            /* this many in a row end the run */
     double gap;              /* s; calls further apart, or a call that takes longer, end the run */
     double patience;         /* s without a call until the watchdog ends the run */
     double expected;         /* N: refuse a device whose largest force differs by more than a tenth; 0: any */

@@ -24,7 +24,7 @@ void runtime_place(pandis_field *placed, const pandis_field *field, const double
     placed->scale = numbers[3];
 }
 
-/* Bytes that answers are computed from: without sections on trust, provenance, original faces and regions. */
+/* Bytes from which answers are computed: all sections except bounds, provenance, original faces and regions. */
 size_t runtime_bytes(const pandis_field *field) {
     static const char *const others[] = {"COVR", "SAFE", "PROV", "BOND", "ORIG", "REGN", "RNAM"};
     size_t size = 0;

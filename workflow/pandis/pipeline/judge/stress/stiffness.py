@@ -8,7 +8,7 @@ from pandis.pipeline.judge.stress.probes import excess
 
 #: A wall that is stiffer than this multiple of the requested stiffness feels like an edge.
 STEEP = 2.0
-#: Largest share of the area on which walls may be this stiff although the exact one is not.
+#: Largest share of the area on which walls may be this stiff although the exact ones are not.
 ALLOWED = 0.01
 #: A smooth field may change in one step as much as the exact force does within this many steps.
 NEARBY = 20

@@ -244,7 +244,7 @@ class Suite:
         return answers
 
     def pace(self, field):
-        """Return a rough time (s) that a field takes for a few hundred points."""
+        """Return roughly how long (s) a field takes for a few hundred points."""
         start = time.perf_counter()
         field.answer(self.shell.points[:256])
         return time.perf_counter() - start

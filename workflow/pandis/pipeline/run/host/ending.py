@@ -40,7 +40,7 @@ def _place(plan):
 
 
 def partial_note(plan):
-    """Return the path of the list of meshes missing from the report; absent if none is missing."""
+    """Return the path of the list of meshes missing from the report: no such file if none is."""
     return Path(plan.folder) / "refused.json"
 
 
