@@ -211,7 +211,7 @@ def test_a_network_is_the_last_resort(tmp_path, monkeypatch):
     assert [c["field"] for c in attributes["considered"]][-1] == "spline"
     assert not list(tmp_path.glob("*.pt"))
     # what the others can reach is said before anything is trained
-    said = next(k for k, line in enumerate(lines) if line.startswith("before a network is trained"))
+    said = next(k for k, line in enumerate(lines) if line.startswith("networks are tried next"))
     assert said < next(k for k, line in enumerate(lines) if line.startswith("network of"))
 
 

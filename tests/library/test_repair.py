@@ -313,7 +313,7 @@ def test_a_sheet_is_refused_and_made_a_wall_on_request():
     a = (np.arange(n)[:, None] * (n + 1) + np.arange(n)).ravel()
     faces = np.concatenate([np.stack([a, a + n + 1, a + 1], 1),
                             np.stack([a + 1, a + n + 1, a + n + 2], 1)])  # fmt: skip
-    with pytest.raises(PandisError, match=r"nothing behind.*mesh: {open: thicken}"):
+    with pytest.raises(PandisError, match=r"no solid behind.*mesh: {open: thicken}"):
         fix(vertices, faces)
     fixed, fixed_faces, record, kept = fix(vertices, faces, open="thicken", thickness=0.04)
     assert kept == ["wrap"]
