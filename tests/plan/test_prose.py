@@ -202,7 +202,7 @@ CLAIMS = [
          for mesh in ("bunny", "armadillo", "dragon"))),
     ("docs/training.md", "A query takes longer (README's table)",
      TIME["pandis-exact"] > TIME["pandis"]),
-    ("docs/benchmarks/building.md", "On two cores products take two thirds of a step",
+    ("docs/benchmarks/building.md", "On two cores, matrix products take two thirds of a step",
      0.6 < STEP["products of such shapes alone"] / STEP["ours, points at hand"] < 0.72),
 ]  # fmt: skip
 
