@@ -241,3 +241,14 @@ def test_convex_polygons_are_cut_as_readers_do():
     assert triangulate_polygons(vertices, [list(range(7))]).tolist() == [
         [0, i, i + 1] for i in range(1, 6)
     ]
+
+
+def test_a_reader_whose_package_is_missing_says_what_to_install(tmp_path, monkeypatch):
+    path = tmp_path / "part.obj"
+    path.write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n")
+    (tmp_path / "lxml.py").write_text("import a_package_that_is_missing")
+    monkeypatch.setenv("PYTHONPATH", str(tmp_path))
+    with pytest.raises(PandisError, match=r"part: its reader needs a package: .*fields\[make\]"):
+        read_mesh("part", path)
+    monkeypatch.delenv("PYTHONPATH")
+    assert len(read_mesh("part", path)[0].faces) == 1

@@ -402,7 +402,7 @@ def test_a_rung_out_of_memory_fails_and_names_the_option(monkeypatch):
 
 @pytest.mark.slow
 def test_a_rung_whose_package_is_missing_is_not_passed_over(monkeypatch, tmp_path):
-    """The next rung would give another mesh there than where the package is installed."""
+    """The next rung would give a different mesh from the one with the package installed."""
     (tmp_path / "pymeshfix.py").write_text("import a_package_that_is_missing")
     monkeypatch.setenv("PYTHONPATH", str(tmp_path))
     vertices, faces = ball(2)

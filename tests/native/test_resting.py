@@ -14,7 +14,7 @@ from bodies import UNIT, field_of, file_of_grid
 
 from oracle import Solid
 from pandis.pipeline.geometry.body import Body
-from pandis.runtime.contact import Material, NativeContact
+from pandis.runtime.contact import TOUCHING, Material, NativeContact
 from pandis.runtime.field import NativeField
 from pandis.runtime.scene import Placed
 
@@ -89,3 +89,16 @@ def test_a_field_that_is_steeper_than_a_distance_keeps_a_proxy_out(kind, steep):
         path = begin + np.linspace(0, 1, ticks)[:, None] * (end - begin)
         touches = NativeContact(where).follow(path, 5e-3)
         assert field.query(touches.proxy).distance.min() > -DEEP
+
+
+def test_a_slow_slide_over_bumps_needs_few_queries():
+    """13 in the median when a walk's steps were short on smooth surfaces, too; 8 since."""
+    bumps, turn = placed("trilinear-normal-64"), np.linspace(0, 2.5, 1500)[:, None]
+    path = np.hstack([np.cos(turn), 0.8 * np.sin(turn), 0.6 * np.sin(turn)])
+    for _ in range(8):
+        distance, normal = bumps.field.query(path)[:2]
+        path -= (distance + 0.02)[:, None] * normal
+    fall = path[0] * np.linspace(1.3, 1, 60)[:, None]
+    touches = NativeContact(bumps).follow(np.concatenate([fall, path]))
+    assert (touches.state[100:] & TOUCHING).astype(bool).mean() > 0.9
+    assert np.median(touches.queries[100:]) <= 10

@@ -4322,7 +4322,7 @@ PANDIS__ONCE static int pandis__walk_on(pandis__proxy *p, pandis__way *way, cons
     pandis__plane known[PANDIS__PLANES];
     pandis__look look;
     double slip = -1, clear = 0, slope = 1, side[3] = {0};
-    const int most = c->options.budget - 1; /* the hops that follow lead nowhere */
+    const int most = c->options.budget - 1; /* one query is left to the hops, which make no progress here */
     int first = !p->exact, good = 1, anew = 0; /* out of the surface first, if the proxy has sunk in */
     if (p->exact) { /* keep the last ball's height, so that new balls join it */
         double far = pandis__between(p->ball, p->x), least = fmax(far / PANDIS__FARTHEST, PANDIS__NEAR);

@@ -81,6 +81,10 @@ def read_mesh(source, path, sha256=None, seconds=120.0, memory_gb=3.0):
     except tools.LimitError as error:
         key = "reader_seconds" if "longer" in str(error) else "reader_memory_gb"
         raise PandisError(f"{source}: reading it {error}; raise mesh.{key}") from None
+    except tools.MissingError as error:
+        raise PandisError(
+            f"{source}: its reader needs a package: {error}; pip install 'pandis-fields[make]'"
+        ) from None
     except tools.ToolError as error:
         raise PandisError(
             f"{source}: its reader failed: {error}; this is a defect of pandis: please report it "

@@ -97,7 +97,8 @@ class Ladder:
         except (tools.LimitError, tools.MissingError) as error:
             left = [name for name in self.options.rungs if name != rung]
             out = f"or leave this rung out: mesh.rungs: [{', '.join(left)}]"
-            if isinstance(error, tools.MissingError):  # without it the result would be another
+            # the next rung would give a different mesh from the one with the package installed
+            if isinstance(error, tools.MissingError):
                 remedy = (
                     f"needs a package: {error}; pip install 'pandis-fields[make,repair]', {out}"
                 )
