@@ -96,7 +96,7 @@ def _functions(header):
                 note = " ".join(words.split())
         elif first.startswith("PANDIS_API ") and "pandis__" not in first:
             call = _until(";", first, lines).removeprefix("PANDIS_API ")
-            yield title, note, " ".join(call.split()).rstrip(";")
+            yield title, note, " ".join(call.split()).replace("( ", "(").rstrip(";")
 
 
 def _until(end, text, lines):

@@ -1,9 +1,11 @@
-/* What pandis.h promises of versions and lengths, as C and as C++. Returns the number of the first promise that it breaks. */
+/* What pandis.h promises of versions and lengths, as C and as C++. Returns the number of the first
+ * promise that it breaks. */
 #define PANDIS_IMPLEMENTATION
 #include "pandis.h"
 
 static pandis_error check(const char *version, size_t more) {
-    return pandis__check(version, sizeof(pandis_field) + more, sizeof(pandis_contact_options), sizeof(pandis_touch));
+    return pandis__check(
+        version, sizeof(pandis_field) + more, sizeof(pandis_contact_options), sizeof(pandis_touch));
 }
 
 int main(void) {
@@ -17,11 +19,13 @@ int main(void) {
     double point[3] = {0, 0, 0}, force[3];
 
     if (PANDIS_CHECK() != PANDIS_SUCCESS || strcmp(pandis_version(), PANDIS_VERSION)) return 1;
-    if (check("0.0.9", 0) != PANDIS_ERROR_HEADER || check(PANDIS_VERSION, 8) != PANDIS_ERROR_HEADER) return 2;
+    if (check("0.0.9", 0) != PANDIS_ERROR_HEADER || check(PANDIS_VERSION, 8) != PANDIS_ERROR_HEADER)
+        return 2;
     if (!strstr(pandis_error_text(PANDIS_ERROR_HEADER), "another version")) return 3;
 
     if (pandis_scene_open(&scene, objects, 2, room, rooms - 1) != PANDIS_ERROR_COUNT) return 4;
-    if (pandis_scene_force(&scene, point, force) != PANDIS_OK || pandis_scene_queries(&scene)) return 5;
+    if (pandis_scene_force(&scene, point, force) != PANDIS_OK || pandis_scene_queries(&scene))
+        return 5;
     if (pandis_scene_moved(&scene, 0) != PANDIS_ERROR_COUNT) return 6; /* it is empty */
     if (pandis_scene_open(&scene, objects, 2, room, rooms) != PANDIS_ERROR_POSE) return 7;
     if (pandis_scene_moved(&scene, 2) != PANDIS_ERROR_COUNT) return 8;

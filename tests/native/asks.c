@@ -13,10 +13,14 @@ int main(int count, char **words) {
     pandis_field other;
     printf("%d\n", pandis_open(&other, (char *)room + 1, field.size));
     pandis_bounds(&other, low, high);
-    if (pandis_provenance(&other, &bytes) || bytes || pandis_bytes(&other) || pandis_longest_side(&other) > 0) return 2;
+    if (pandis_provenance(&other, &bytes) || bytes || pandis_bytes(&other) ||
+        pandis_longest_side(&other) > 0)
+        return 2;
     pandis_bounds(&field, low, high);
-    printf("%d %d %.17g", pandis_field_kind(&field), (int)pandis_bytes(&field), pandis_longest_side(&field));
-    for (int k = 0; k < 3; k++) printf(" %.17g %.17g", low[k], high[k]), at[k] = (low[k] + high[k]) / 2;
+    printf("%d %d %.17g", pandis_field_kind(&field), (int)pandis_bytes(&field),
+        pandis_longest_side(&field));
+    for (int k = 0; k < 3; k++)
+        printf(" %.17g %.17g", low[k], high[k]), at[k] = (low[k] + high[k]) / 2;
     const char *text = pandis_provenance(&field, &bytes);
     printf("\n%.*s\n", (int)bytes, text ? text : "");
     double stiff[4] = {(double)INFINITY, -1, (double)NAN, 1};

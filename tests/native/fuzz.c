@@ -1,7 +1,8 @@
 /* Hostile files: whatever the bytes, an error or answers, and no access beyond them.
  *
  * With libFuzzer: clang -g -O1 -fsanitize=fuzzer,address,undefined -DLIBFUZZER fuzz.c -lm
- * Without: gcc -g -O1 -fsanitize=address,undefined fuzz.c -lm; usage: fuzz SECONDS SEED FIELD.pandis...
+ * Without: gcc -g -O1 -fsanitize=address,undefined fuzz.c -lm; usage: fuzz SECONDS SEED
+ * FIELD.pandis...
  */
 #define PANDIS_IMPLEMENTATION
 #include "pandis.h"
@@ -10,10 +11,10 @@
 #include <stdlib.h>
 #include <time.h>
 
-static const double points[][3] = {
-    {0, 0, 0},        {0.3, -0.2, 0.1},       {1, 1, 1},           {-1, 0.999999, 1},         {40, -3, 2},
-    {1e300, 0, 0},    {0, (double)NAN, 0},    {5e-324, 0, 5e-324}, {(double)INFINITY, 0, 0},  {0.9, 0.9, -0.9},
-    {-0.5, 0.5, 0.5}, {0.05, 0.01, -0.02},    {0.1, -0.7, 0.6},    {-0.89, -0.01, 0.3},       {2, 2, 2}};
+static const double points[][3] = {{0, 0, 0}, {0.3, -0.2, 0.1}, {1, 1, 1}, {-1, 0.999999, 1},
+    {40, -3, 2}, {1e300, 0, 0}, {0, (double)NAN, 0}, {5e-324, 0, 5e-324}, {(double)INFINITY, 0, 0},
+    {0.9, 0.9, -0.9}, {-0.5, 0.5, 0.5}, {0.05, 0.01, -0.02}, {0.1, -0.7, 0.6}, {-0.89, -0.01, 0.3},
+    {2, 2, 2}};
 
 /* Move the vertices of a mesh, to where they may be anything, and ask it. */
 static void move(const pandis_field *field) {
@@ -27,10 +28,12 @@ static void move(const pandis_field *field) {
         for (int turn = 0; turn < 4; turn++) {
             static const double stretch[4] = {1, 0.3, -1e12, 0};
             for (size_t i = 0; i < count; i++)
-                where[i] = i % 3 == (size_t)turn ? stretch[turn] * field->as.mesh.vertices[i] : field->as.mesh.vertices[i];
+                where[i] = i % 3 == (size_t)turn ? stretch[turn] * field->as.mesh.vertices[i]
+                                                 : field->as.mesh.vertices[i];
             int error = pandis_handover_refit(&shared, where, count / 3);
             if (pandis_handover_take(&shared, &moving) != (!error || !turn)) abort();
-            for (size_t i = 0; i < sizeof points / sizeof *points; i++) pandis_query(&moving, points[i], &answer);
+            for (size_t i = 0; i < sizeof points / sizeof *points; i++)
+                pandis_query(&moving, points[i], &answer);
         }
     }
     free(where), free(bytes);
@@ -56,7 +59,8 @@ static int ask(const unsigned char *data, size_t size) {
             pandis_hint hint;
             memset(&hint, (int)(i * 37 & 255), sizeof hint); /* what somebody has written over it */
             pandis_query(&field, points[i], &answer);
-            for (double reach = 0; reach < 2; reach += 0.4) pandis_query_within(&field, points[i], reach, &again);
+            for (double reach = 0; reach < 2; reach += 0.4)
+                pandis_query_within(&field, points[i], reach, &again);
             for (int k = 0; k < 2; k++) pandis_query_from(&field, points[i], &hint, &again);
             if (again.flag != answer.flag) abort();
             int flag = pandis_force(&field, points[i], 400, force);
@@ -92,7 +96,8 @@ int main(int count, char **names) {
         if (!file) return 2;
         fseek(file, 0, SEEK_END);
         size_t size = (size_t)ftell(file);
-        unsigned char *whole = (unsigned char *)malloc(size), *bad = (unsigned char *)malloc(size + 64);
+        unsigned char *whole = (unsigned char *)malloc(size),
+                      *bad = (unsigned char *)malloc(size + 64);
         rewind(file);
         if (!whole || !bad || fread(whole, 1, size, file) != size) return 2;
         fclose(file);
@@ -102,12 +107,18 @@ int main(int count, char **names) {
             memset(bad + size, 0x5a, 64);
             if (draw() % 8 == 0) length = draw() % (size + 64);
             for (uint64_t edits = draw() % 6; edits; edits--) {
-                size_t at = draw() % 3 ? draw() % head : draw() % size; /* mostly where the counts are */
+                /* mostly where the counts are */
+                size_t at = draw() % 3 ? draw() % head : draw() % size;
                 switch (draw() % 4) {
-                    case 0: bad[at] ^= (unsigned char)(1u << (draw() % 8)); break;
-                    case 1: bad[at] = (unsigned char)draw(); break;
-                    case 2: at = at / 4 * 4; for (int k = 0; k < 4; k++) bad[at + (size_t)k] = draw() % 2 ? 0xff : 0x7f; break;
-                    default: at = at / 8 * 8; for (int k = 0; k < 8; k++) bad[at + (size_t)k] = (unsigned char)draw();
+                case 0: bad[at] ^= (unsigned char)(1u << (draw() % 8)); break;
+                case 1: bad[at] = (unsigned char)draw(); break;
+                case 2:
+                    at = at / 4 * 4;
+                    for (int k = 0; k < 4; k++) bad[at + (size_t)k] = draw() % 2 ? 0xff : 0x7f;
+                    break;
+                default:
+                    at = at / 8 * 8;
+                    for (int k = 0; k < 8; k++) bad[at + (size_t)k] = (unsigned char)draw();
                 }
             }
             if (length >= 24) /* the size, or the rest is never reached */

@@ -1,9 +1,9 @@
 /* A guard that is led by a script, without a device. Prints the cause, the debt (J), and the signs.
  *
  * shakes: energy is missing first, and then the probe shakes, again and again.
- * ramp: a probe slides along a wall while the force comes in, presses, and withdraws; it is passive.
- * vanishes: the wall, which is said to store little, is gone at once, and the force falls no faster than the device
- * allows.
+ * ramp: a probe slides along a wall while the force comes in, presses, and withdraws; it is
+ * passive. vanishes: the wall, which is said to store little, is gone at once, and the force falls
+ * no faster than the device allows.
  */
 #include "guard.h"
 
@@ -16,7 +16,8 @@ static void tick(guard *g, const double *place, int wall, double dt, const doubl
     device_state state;
     double force[3] = {wall && place[0] < 0 ? -280 * place[0] : 0, 0, 0};
     memset(&state, 0, sizeof state);
-    memcpy(state.position, place, sizeof state.position), memcpy(state.velocity, speed, sizeof state.velocity);
+    memcpy(state.position, place, sizeof state.position),
+        memcpy(state.velocity, speed, sizeof state.velocity);
     state.buttons = 1, state.safe = 1;
     guard_pass(g, &state, dt, 1, force);
 }

@@ -1,5 +1,5 @@
-/* A stand-in for OpenHaptics' libHD: its functions over a simulated device, on a thread of its own at
- * 1 kHz. It faults as PANDIS_FAULT says:
+/* A stand-in for OpenHaptics' libHD: its functions over a simulated device, on a thread of its own
+ * at 1 kHz. It faults as PANDIS_FAULT says:
  *
  *     init            there is no device
  *     nothing         there is none, and it says nothing of it
@@ -11,27 +11,23 @@
  *     slow N          the clock stands still for 30 ms within the callback at tick N
  *     hang N          the callback does not come back from tick N for a second and a half
  *     apart N         from tick N on calls are 60 ms apart
- *     raise N [CODE]  the process gets a signal in the callback of tick N; without a number (hexadecimal) Ctrl-C
- *     frozen N        from tick N on positions stay as they are, though the hand lifts off at 0.1 m/s
- *     creep N CODE    from tick N on positions creep along -x, by so many micrometres (hexadecimal) a tick
- *     weak            it says that it is a device of 1 N
- *     fast            it says that it runs at 4 kHz
- *     nan N           from tick N on positions are no numbers
- *     jump N          at tick N the position jumps by 5 cm
- *     uncalibrated N  from tick N on it is not calibrated; N -1: from the beginning
- *     update          its calibration wants to be updated
- *     released N      from tick N on no button is held
- *     open N          from tick N on its safety switch is open; N -1: from the beginning
- *     hot N           from tick N on a motor is hot
- *     burning N       from tick N on a motor's temperature is no number
- *     aside           its workspace lies 3 cm to the right
- *     tired           it stands 0.2 N for long
- *     skip N          at tick N the call comes ten ticks late, and the probe has moved on
- *     late N          from tick N on a force acts eight ticks later: walls come alive
+ *     raise N [CODE]  the process gets a signal in the callback of tick N; without a number
+ * (hexadecimal) Ctrl-C frozen N        from tick N on positions stay as they are, though the hand
+ * lifts off at 0.1 m/s creep N CODE    from tick N on positions creep along -x, by so many
+ * micrometres (hexadecimal) a tick weak            it says that it is a device of 1 N fast it says
+ * that it runs at 4 kHz nan N           from tick N on positions are no numbers jump N          at
+ * tick N the position jumps by 5 cm uncalibrated N  from tick N on it is not calibrated; N -1: from
+ * the beginning update          its calibration wants to be updated released N      from tick N on
+ * no button is held open N          from tick N on its safety switch is open; N -1: from the
+ * beginning hot N           from tick N on a motor is hot burning N       from tick N on a motor's
+ * temperature is no number aside           its workspace lies 3 cm to the right tired           it
+ * stands 0.2 N for long skip N          at tick N the call comes ten ticks late, and the probe has
+ * moved on late N          from tick N on a force acts eight ticks later: walls come alive
  *
- * What the motors were given last, whether they are on, and when (s) that was written, is in the file that PANDIS_RECORD
- * names: it outlives the process. Only one process has the device, unless PANDIS_SHARED is set: then several have, each may
- * switch its motors off, and the record is the device's state.
+ * What the motors were given last, whether they are on, and when (s) that was written, is in the
+ * file that PANDIS_RECORD names: it outlives the process. Only one process has the device, unless
+ * PANDIS_SHARED is set: then several have, each may switch its motors off, and the record is the
+ * device's state.
  */
 #define _GNU_SOURCE
 #include "simulated.h"
@@ -52,7 +48,10 @@ int pandis_stand_in = 1;
 #endif
 
 /* For the tests: how often frames were begun and ended, the forces that reached the motors. */
-struct { long long begun, ended, calls, enabled, disabled; double largest, sum[3], last[3]; } standin_seen;
+struct {
+    long long begun, ended, calls, enabled, disabled;
+    double largest, sum[3], last[3];
+} standin_seen;
 
 static char fault[16];
 static long long fault_tick = -1;
@@ -62,15 +61,18 @@ static int threaded;
 static volatile int stopping;
 static double hand[3];
 
-/* Keep what a process that dies leaves behind: the largest force, the last one, and whether the motors are on. */
+/* Keep what a process that dies leaves behind: the largest force, the last one, and whether the
+ * motors are on. */
 static int record = -1, owned = -1, shared;
 
 static void keep(void) {
     struct timespec now;
-    double before[4], kept[4] = {standin_seen.largest, length_of(standin_seen.last), simulated.output, 0};
+    double before[4],
+        kept[4] = {standin_seen.largest, length_of(standin_seen.last), simulated.output, 0};
     clock_gettime(CLOCK_MONOTONIC, &now);
     kept[3] = (double)now.tv_sec + 1e-9 * (double)now.tv_nsec;
-    if (shared && pread(record, before, sizeof before, 0) == sizeof before && before[0] > kept[0]) kept[0] = before[0];
+    if (shared && pread(record, before, sizeof before, 0) == sizeof before && before[0] > kept[0])
+        kept[0] = before[0];
     if (record >= 0 && pwrite(record, kept, sizeof kept, 0) < 0) abort();
 }
 
@@ -107,15 +109,20 @@ unsigned int hdInitDevice(const char *name) {
     static const double press[3] = {0, 0, 0};
     simulated_spec touch = {0.045, 0.1, 0.26, 55e-6, 3.3, 3.3, 1.5, 20, 3, 1e-3, 400, 0};
     double start[3] = {0, 0, 0}, rest[3] = {0, 0, 0};
-    const char *text = getenv("PANDIS_FAULT"), *place = getenv("PANDIS_PLACE"), *kind = getenv("PANDIS_STANDIN");
+    const char *text = getenv("PANDIS_FAULT"), *place = getenv("PANDIS_PLACE"),
+               *kind = getenv("PANDIS_STANDIN");
     memset(&standin_seen, 0, sizeof standin_seen);
     *fault = 0, fault_tick = -1, fault_code = 0;
-    if (record < 0 && getenv("PANDIS_RECORD")) record = open(getenv("PANDIS_RECORD"), O_CREAT | O_RDWR | O_CLOEXEC, 0600);
+    if (record < 0 && getenv("PANDIS_RECORD"))
+        record = open(getenv("PANDIS_RECORD"), O_CREAT | O_RDWR | O_CLOEXEC, 0600);
     if (text) sscanf(text, "%15s %lld %x", fault, &fault_tick, &fault_code);
     if (place) sscanf(place, "%lf %lf %lf", start, start + 1, start + 2);
     memcpy(rest, start, sizeof rest);
-    /* the hand, and how lively the device is: stiffness, damping, resting place along x; damping, friction */
-    if (kind) sscanf(kind, "%lf %lf %lf %lf %lf", &touch.hand_stiffness, &touch.hand_damping, rest, &touch.damping, &touch.friction);
+    /* the hand, and how lively the device is: stiffness, damping, resting place along x; damping,
+     * friction */
+    if (kind)
+        sscanf(kind, "%lf %lf %lf %lf %lf", &touch.hand_stiffness, &touch.hand_damping, rest,
+            &touch.damping, &touch.friction);
     memcpy(hand, rest, sizeof hand);
     /* errors that nobody has asked for stay in the list */
     unsigned int error[SIMULATED_ERRORS];
@@ -184,7 +191,8 @@ void hdEndFrame(unsigned int device) {
     framed = 0;
     double size = length_of(simulated.sent);
     if (size > standin_seen.largest) standin_seen.largest = size;
-    for (int k = 0; k < 3; k++) standin_seen.sum[k] += simulated.sent[k], standin_seen.last[k] = simulated.sent[k];
+    for (int k = 0; k < 3; k++)
+        standin_seen.sum[k] += simulated.sent[k], standin_seen.last[k] = simulated.sent[k];
     keep();
 }
 
@@ -207,7 +215,8 @@ static void spoil(double *values) {
     const struct timespec hang = {1, 500000000}, slow = {0, 30000000};
     if (faulty("nan")) values[1] = values[1] * 0 / 0.0;
     if (faulty("jump")) values[0] += 50;
-    if (faulty("raise") && simulated.tick == fault_tick) raise(fault_code ? (int)fault_code : SIGINT);
+    if (faulty("raise") && simulated.tick == fault_tick)
+        raise(fault_code ? (int)fault_code : SIGINT);
     static double stuck[3];
     if (!faulty("frozen")) memcpy(stuck, values, sizeof stuck);
     else memcpy(values, stuck, sizeof stuck), hand[0] += 1e-4;
@@ -221,36 +230,37 @@ void hdGetDoublev(unsigned int what, double *values) {
     double place[3];
     simulated_tell(&spec);
     simulated_place(place);
-    int moves = what == HD_CURRENT_POSITION || what == HD_CURRENT_VELOCITY || what == HD_CURRENT_TRANSFORM;
+    int moves =
+        what == HD_CURRENT_POSITION || what == HD_CURRENT_VELOCITY || what == HD_CURRENT_TRANSFORM;
     if (faulty("mute") && !moves) what = 0; /* it knows nothing of itself */
     switch (what) {
-        case HD_NOMINAL_MAX_FORCE: *values = faulty("weak") ? 1 : spec.force; break;
-        case HD_NOMINAL_MAX_CONTINUOUS_FORCE: *values = faulty("tired") ? 0.2 : 0.88; break;
-        case HD_SOFTWARE_VELOCITY_LIMIT: *values = 1e3 * spec.speed; break;
-        case HD_SOFTWARE_FORCE_IMPULSE_LIMIT: *values = spec.impulse; break;
-        case HD_UPDATE_RATE: *values = faulty("fast") ? 4000 : spec.rate; break;
-        case HD_USABLE_WORKSPACE_DIMENSIONS:
-            for (int k = 0; k < 3; k++) values[k] = -80, values[k + 3] = 80;
-            if (faulty("aside")) values[0] += 30, values[3] += 30;
-            break;
-        case HD_MOTOR_TEMPERATURE:
-            for (int k = 0; k < 3; k++) values[k] = 0.3;
-            if (faulty("hot")) values[2] = 0.95;
-            if (faulty("burning")) values[1] = values[1] * 0 / 0.0;
-            break;
-        case HD_CURRENT_POSITION:
-            for (int k = 0; k < 3; k++) values[k] = 1e3 * place[k];
-            spoil(values);
-            break;
-        case HD_CURRENT_VELOCITY:
-            for (int k = 0; k < 3; k++) values[k] = 1e3 * simulated.speed[k];
-            break;
-        case HD_CURRENT_TRANSFORM:
-            for (int k = 0; k < 16; k++) values[k] = k % 5 == 0;
-            for (int k = 0; k < 3; k++) values[12 + k] = 1e3 * place[k];
-            break;
-        case HD_CURRENT_FORCE: memcpy(values, simulated.sent, sizeof simulated.sent); break;
-        default: simulated_report(HD_INVALID_ENUM);
+    case HD_NOMINAL_MAX_FORCE: *values = faulty("weak") ? 1 : spec.force; break;
+    case HD_NOMINAL_MAX_CONTINUOUS_FORCE: *values = faulty("tired") ? 0.2 : 0.88; break;
+    case HD_SOFTWARE_VELOCITY_LIMIT: *values = 1e3 * spec.speed; break;
+    case HD_SOFTWARE_FORCE_IMPULSE_LIMIT: *values = spec.impulse; break;
+    case HD_UPDATE_RATE: *values = faulty("fast") ? 4000 : spec.rate; break;
+    case HD_USABLE_WORKSPACE_DIMENSIONS:
+        for (int k = 0; k < 3; k++) values[k] = -80, values[k + 3] = 80;
+        if (faulty("aside")) values[0] += 30, values[3] += 30;
+        break;
+    case HD_MOTOR_TEMPERATURE:
+        for (int k = 0; k < 3; k++) values[k] = 0.3;
+        if (faulty("hot")) values[2] = 0.95;
+        if (faulty("burning")) values[1] = values[1] * 0 / 0.0;
+        break;
+    case HD_CURRENT_POSITION:
+        for (int k = 0; k < 3; k++) values[k] = 1e3 * place[k];
+        spoil(values);
+        break;
+    case HD_CURRENT_VELOCITY:
+        for (int k = 0; k < 3; k++) values[k] = 1e3 * simulated.speed[k];
+        break;
+    case HD_CURRENT_TRANSFORM:
+        for (int k = 0; k < 16; k++) values[k] = k % 5 == 0;
+        for (int k = 0; k < 3; k++) values[12 + k] = 1e3 * place[k];
+        break;
+    case HD_CURRENT_FORCE: memcpy(values, simulated.sent, sizeof simulated.sent); break;
+    default: simulated_report(HD_INVALID_ENUM);
     }
 }
 
@@ -276,7 +286,8 @@ unsigned long hdScheduleAsynchronous(hd_callback own, void *data, unsigned short
 }
 
 void hdUnschedule(unsigned long handle) {
-    if (handle != 1 || !scheduled) simulated_report(HD_INVALID_OPERATION); /* it has ended by itself */
+    /* it has ended by itself */
+    if (handle != 1 || !scheduled) simulated_report(HD_INVALID_OPERATION);
     scheduled = 0;
 }
 

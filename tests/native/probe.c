@@ -17,8 +17,12 @@ void *__real_calloc(size_t count, size_t size);
 void *__real_realloc(void *old, size_t size);
 void __real_free(void *old);
 void *__wrap_malloc(size_t size) { return allocations += counting, __real_malloc(size); }
-void *__wrap_calloc(size_t count, size_t size) { return allocations += counting, __real_calloc(count, size); }
-void *__wrap_realloc(void *old, size_t size) { return allocations += counting, __real_realloc(old, size); }
+void *__wrap_calloc(size_t count, size_t size) {
+    return allocations += counting, __real_calloc(count, size);
+}
+void *__wrap_realloc(void *old, size_t size) {
+    return allocations += counting, __real_realloc(old, size);
+}
 void __wrap_free(void *old) { allocations += counting, __real_free(old); }
 #endif
 

@@ -1,4 +1,5 @@
-/* Where the fields of a structure lie, told to bindings that mirror it: a list of these, which NULL ends. */
+/* Where the fields of a structure lie, told to bindings that mirror it: a list of these, which NULL
+ * ends. */
 #ifndef LAYOUT_H
 #define LAYOUT_H
 

@@ -1,6 +1,7 @@
 /* pandis.h: distance, normal and contact force of an object, for haptic loops.
  *
- * One header, one file per object, no library except libm, no allocation and no system call per query:
+ * One header, one file per object, no library except libm, no allocation and no system call per
+ * query:
  *
  *     #define PANDIS_IMPLEMENTATION            in one source file, before
  *     #include "pandis.h"
@@ -26,24 +27,26 @@
  * negative inside, normals point outward and have unit length. Queries do not change a field: any
  * number of threads may query it. The file format: docs/format.md of pandis.
  *
- * C99 or later, or C++11 or later. No flags are needed: with -O2 alone it is about as fast as with -O3
- * -march=native, since GCC and clang also compile the hot functions for AVX2, which is used on x86-64
- * machines that have it (not on Windows; PANDIS_NO_DISPATCH disables this). Results are bit-identical for
- * all compilers, machines and vector widths (except clang with -ffp-contract=fast). With -ffast-math or
- * x87 arithmetic it does not compile: answers would be wrong. pandis_open tests for options of -ffast-math
- * that define no macro. A query needs at most 8 KB of stack, or 80 KB for a network. With a smaller
- * PANDIS_MOST_WIDTH and PANDIS_MOST_DEPTH (by default 1024 and 16) this is four bytes times (depth + 2)
- * times width. Define PANDIS_API as `static inline` to keep the names to one source file, and
- * PANDIS_NO_FILE to leave out the functions that open files.
+ * C99 or later, or C++11 or later. No flags are needed: with -O2 alone it is about as fast as with
+ * -O3 -march=native, since GCC and clang also compile the hot functions for AVX2, which is used on
+ * x86-64 machines that have it (not on Windows; PANDIS_NO_DISPATCH disables this). Results are
+ * bit-identical for all compilers, machines and vector widths (except clang with
+ * -ffp-contract=fast). With -ffast-math or x87 arithmetic it does not compile: answers would be
+ * wrong. pandis_open tests for options of -ffast-math that define no macro. A query needs at most 8
+ * KB of stack, or 80 KB for a network. With a smaller PANDIS_MOST_WIDTH and PANDIS_MOST_DEPTH (by
+ * default 1024 and 16) this is four bytes times (depth + 2) times width. Define PANDIS_API as
+ * `static inline` to keep the names to one source file, and PANDIS_NO_FILE to leave out the
+ * functions that open files.
  *
  * For a real-time loop: open fields before the loop (a file is read and checked, which
- * takes 4 ms per megabyte), lock the process's memory (mlockall(MCL_CURRENT | MCL_FUTURE); on Windows raise
- * the working set with SetProcessWorkingSetSize and VirtualLock the bytes given to pandis_open), query
- * every field at a few points, so that its pages are loaded and the caches filled, and set a real-time
- * priority for the thread (SCHED_FIFO). A query allocates nothing, locks nothing and makes no system call.
- * Its time hardly depends on the position, except for meshes: where very many faces are about equally near (the
- * middle of a finely tessellated ball), a query can take some hundreds of times as long as usual. It is cut
- * short after the number of steps that its file allows: see PANDIS_CUT.
+ * takes 4 ms per megabyte), lock the process's memory (mlockall(MCL_CURRENT | MCL_FUTURE); on
+ * Windows raise the working set with SetProcessWorkingSetSize and VirtualLock the bytes given to
+ * pandis_open), query every field at a few points, so that its pages are loaded and the caches
+ * filled, and set a real-time priority for the thread (SCHED_FIFO). A query allocates nothing,
+ * locks nothing and makes no system call. Its time hardly depends on the position, except for
+ * meshes: where very many faces are about equally near (the middle of a finely tessellated ball), a
+ * query can take some hundreds of times as long as usual. It is cut short after the number of steps
+ * that its file allows: see PANDIS_CUT.
  *
  * This header comes from pandis, a workflow that makes, measures and exports distance fields of
  * triangle meshes for haptic rendering. The header needs nothing else from it.
@@ -51,19 +54,19 @@
  * MIT License. Copyright (c) 2026 The pandis authors
  *
  * Permission is hereby granted, free of charge, to any person obtaining a copy of this software and
- * associated documentation files (the "Software"), to deal in the Software without restriction, including
- * without limitation the rights to use, copy, modify, merge, publish, distribute, sublicense, and/or sell
- * copies of the Software, and to permit persons to whom the Software is furnished to do so, subject to
- * the following conditions:
+ * associated documentation files (the "Software"), to deal in the Software without restriction,
+ * including without limitation the rights to use, copy, modify, merge, publish, distribute,
+ * sublicense, and/or sell copies of the Software, and to permit persons to whom the Software is
+ * furnished to do so, subject to the following conditions:
  *
- * The above copyright notice and this permission notice shall be included in all copies or substantial
- * portions of the Software.
+ * The above copyright notice and this permission notice shall be included in all copies or
+ * substantial portions of the Software.
  *
- * THE SOFTWARE IS PROVIDED "AS IS", WITHOUT WARRANTY OF ANY KIND, EXPRESS OR IMPLIED, INCLUDING BUT NOT
- * LIMITED TO THE WARRANTIES OF MERCHANTABILITY, FITNESS FOR A PARTICULAR PURPOSE AND NONINFRINGEMENT. IN NO
- * EVENT SHALL THE AUTHORS OR COPYRIGHT HOLDERS BE LIABLE FOR ANY CLAIM, DAMAGES OR OTHER LIABILITY, WHETHER
- * IN AN ACTION OF CONTRACT, TORT OR OTHERWISE, ARISING FROM, OUT OF OR IN CONNECTION WITH THE SOFTWARE OR
- * THE USE OR OTHER DEALINGS IN THE SOFTWARE.
+ * THE SOFTWARE IS PROVIDED "AS IS", WITHOUT WARRANTY OF ANY KIND, EXPRESS OR IMPLIED, INCLUDING BUT
+ * NOT LIMITED TO THE WARRANTIES OF MERCHANTABILITY, FITNESS FOR A PARTICULAR PURPOSE AND
+ * NONINFRINGEMENT. IN NO EVENT SHALL THE AUTHORS OR COPYRIGHT HOLDERS BE LIABLE FOR ANY CLAIM,
+ * DAMAGES OR OTHER LIABILITY, WHETHER IN AN ACTION OF CONTRACT, TORT OR OTHERWISE, ARISING FROM,
+ * OUT OF OR IN CONNECTION WITH THE SOFTWARE OR THE USE OR OTHER DEALINGS IN THE SOFTWARE.
  */
 #ifndef PANDIS_H
 #define PANDIS_H
@@ -85,38 +88,50 @@ extern "C" {
 #ifndef PANDIS_API
 #define PANDIS_API extern
 #endif
-
 /* How reliable an answer is. */
 typedef enum {
-    PANDIS_OK = 0,      /* within the accuracy of the field */
-    PANDIS_BOUND = 1,   /* outside what the field covers: the side is right, but the distance is an estimate, maybe too large */
-    PANDIS_INVALID = 2, /* no answer: an argument is out of range or not finite, or the field overflowed */
-    PANDIS_CUT = 3,     /* the search was cut short: too many faces are about equally near (around the middle of a finely
-                         * tessellated ball). The distance may be too large, by some hundredths of the object: see
-                         * pandis_answer.clear. When the file was made, no query at test points next to the surface was cut */
-    PANDIS_BEYOND = 4   /* pandis_query_within only: no surface is within its reach */
+    PANDIS_OK = 0, /* within the accuracy of the field */
+    /* outside what the field covers: the side is right, but the distance is an estimate, maybe too
+       large */
+    PANDIS_BOUND = 1,
+    /* no answer: an argument is out of range or not finite, or the field overflowed */
+    PANDIS_INVALID = 2,
+    /* the search was cut short: too many faces are about equally near (around the middle of a
+       finely tessellated ball). The distance may be too large, by some hundredths of the object:
+       see pandis_answer.clear. When the file was made, no query at test points next to the surface
+       was cut */
+    PANDIS_CUT = 3,
+    PANDIS_BEYOND = 4 /* pandis_query_within only: no surface is within its reach */
 } pandis_flag;
 
-/* Reasons why something cannot be opened or changed. Errors are negative and flags are not, so they cannot be confused. */
+/* Reasons why something cannot be opened or changed. Errors are negative and flags are not, so they
+ * cannot be confused. */
 typedef enum {
     PANDIS_SUCCESS = 0,
-    PANDIS_ERROR_FILE = -1,        /* the file cannot be read */
-    PANDIS_ERROR_FORMAT = -2,      /* not a .pandis file */
-    PANDIS_ERROR_ENDIAN = -3,      /* wrong byte order, of the file or of this machine */
-    PANDIS_ERROR_VERSION = -4,     /* the file has a later version, or is a mesh of an earlier one */
-    PANDIS_ERROR_SIZE = -5,        /* the file is shorter or longer than its header states */
-    PANDIS_ERROR_CHECKSUM = -6,    /* the bytes of the file have changed */
-    PANDIS_ERROR_CONTENT = -7,     /* inconsistent content, or an operation that this kind of field does not support */
+    PANDIS_ERROR_FILE = -1,   /* the file cannot be read */
+    PANDIS_ERROR_FORMAT = -2, /* not a .pandis file */
+    PANDIS_ERROR_ENDIAN = -3, /* wrong byte order, of the file or of this machine */
+    /* the file has a later version, or is a mesh of an earlier one */
+    PANDIS_ERROR_VERSION = -4,
+    PANDIS_ERROR_SIZE = -5,     /* the file is shorter or longer than its header states */
+    PANDIS_ERROR_CHECKSUM = -6, /* the bytes of the file have changed */
+    /* inconsistent content, or an operation that this kind of field does not support */
+    PANDIS_ERROR_CONTENT = -7,
     PANDIS_ERROR_POSE = -8,        /* an object or a pose is invalid: see pandis_object */
     PANDIS_ERROR_ALIGNMENT = -9,   /* the bytes do not begin at a multiple of 8 */
     PANDIS_ERROR_ARITHMETIC = -10, /* compiled with flags that would make results wrong */
     PANDIS_ERROR_LARGE = -11,      /* a network beyond PANDIS_MOST_WIDTH or PANDIS_MOST_DEPTH */
-    PANDIS_ERROR_VERTEX = -12,     /* a vertex of a new shape is not finite, or beyond 1e30 in the unit frame */
-    PANDIS_ERROR_KIND = -13,       /* a grid of forces cannot have a contact: it has no distances outside */
-    PANDIS_ERROR_RADIUS = -14,     /* the probe is larger than the free space known around the field's surface */
-    PANDIS_ERROR_OPTIONS = -15,    /* a contact option is out of range: see pandis_contact_options */
-    PANDIS_ERROR_COUNT = -16,      /* an array is shorter or longer than required */
-    PANDIS_ERROR_HEADER = -17      /* the implementation has another version of this header, or another structure packing */
+    /* a vertex of a new shape is not finite, or beyond 1e30 in the unit frame */
+    PANDIS_ERROR_VERTEX = -12,
+    /* a grid of forces cannot have a contact: it has no distances outside */
+    PANDIS_ERROR_KIND = -13,
+    /* the probe is larger than the free space known around the field's surface */
+    PANDIS_ERROR_RADIUS = -14,
+    /* a contact option is out of range: see pandis_contact_options */
+    PANDIS_ERROR_OPTIONS = -15,
+    PANDIS_ERROR_COUNT = -16, /* an array is shorter or longer than required */
+    /* the implementation has another version of this header, or another structure packing */
+    PANDIS_ERROR_HEADER = -17
 } pandis_error;
 
 /* The kind of a field. */
@@ -134,18 +149,22 @@ typedef enum {
 typedef struct {
     double distance;  /* mesh units, negative inside */
     double normal[3]; /* outward, of unit length */
-    double slope;     /* length of the vector that was normalised: 1 for meshes and closed forms; elsewhere about 1, but
-                       * clearly less near the medial axis, where two walls are about equally near and the normal is about to
-                       * flip; 0 for grids of forces, which have no distance outside */
-    double clear;     /* for meshes a lower bound of the distance to the surface, up to rounding; else |distance| */
+    /* length of the vector that was normalised: 1 for meshes and closed forms; elsewhere about 1,
+     * but clearly less near the medial axis, where two walls are about equally near and the normal
+     * is about to flip; 0 for grids of forces, which have no distance outside */
+    double slope;
+    /* for meshes a lower bound of the distance to the surface, up to rounding; else |distance| */
+    double clear;
     pandis_flag flag;
-    int32_t face;     /* index, in mesh.zarr.zip, of a face that holds the closest point. A simplified mesh names a face
-                       * beside it. -1 if unknown: only `exact` meshes, and compact ones with a section ORIG, store it */
-    int32_t region;   /* material of the surface there (pandis_region); -1 if the file has none */
+    /* index, in mesh.zarr.zip, of a face that holds the closest point. A simplified mesh names a
+     * face beside it. -1 if unknown: only `exact` meshes, and compact ones with a section ORIG,
+     * store it */
+    int32_t face;
+    int32_t region; /* material of the surface there (pandis_region); -1 if the file has none */
 } pandis_answer;
 
-/* State that pandis_query_from keeps between queries: all zero before the first. It may be copied, or used with another
- * field: it affects the time of a query, never the answer. */
+/* State that pandis_query_from keeps between queries: all zero before the first. It may be copied,
+ * or used with another field: it affects the time of a query, never the answer. */
 typedef struct {
     uint64_t room[16];
 } pandis_hint;
@@ -184,13 +203,15 @@ typedef struct {
     pandis__layout layout[2];
     int32_t far_size;
     double far_low, far_per_step, offset[3], scale[3], inside, outside;
-    const int16_t *coarse, *far; /* coefficients, offset + scale * stored: of the band, and beyond it */
-    const int8_t *fine;          /* correction that is added in the band */
-    const uint8_t *side;         /* for each block of coarse lattice cells: whether it is outside */
+    /* coefficients, offset + scale * stored: of the band, and beyond it */
+    const int16_t *coarse, *far;
+    const int8_t *fine;  /* correction that is added in the band */
+    const uint8_t *side; /* for each block of coarse lattice cells: whether it is outside */
 } pandis__spline;
 
-/* Cache of a spline's coefficients around recent points. An entry has its first node, 64 coefficients, and the result of
- * pandis__collect plus one (0: empty). The coarse and the fine lattice have a cube of 8 x 8 x 8 entries each. */
+/* Cache of a spline's coefficients around recent points. An entry has its first node, 64
+ * coefficients, and the result of pandis__collect plus one (0: empty). The coarse and the fine
+ * lattice have a cube of 8 x 8 x 8 entries each. */
 typedef struct {
     struct {
         int first[3], known;
@@ -205,12 +226,14 @@ typedef struct {
     int32_t child[PANDIS__WIDTH]; /* a node if >= 0, else the complement of a leaf */
 } pandis__node;
 
-/* Up to eight triangles, rounded: a coordinate is origin + corner * step. They are used to find, in single
- * precision, the triangles that may be nearest. A distance d is too large by at most slack + share * d. */
+/* Up to eight triangles, rounded: a coordinate is origin + corner * step. They are used to find, in
+ * single precision, the triangles that may be nearest. A distance d is too large by at most slack +
+ * share * d. */
 typedef struct {
-    uint16_t corner[3][3][PANDIS__WIDTH]; /* corner, axis, triangle; unused places repeat the first */
-    int32_t face[PANDIS__WIDTH];          /* -1: unused */
-    float origin[3], step, slack, share;  /* of the unit frame; the step is a power of two */
+    /* corner, axis, triangle; unused places repeat the first */
+    uint16_t corner[3][3][PANDIS__WIDTH];
+    int32_t face[PANDIS__WIDTH];         /* -1: unused */
+    float origin[3], step, slack, share; /* of the unit frame; the step is a power of two */
 } pandis__leaf;
 
 typedef struct {
@@ -219,12 +242,14 @@ typedef struct {
     double reach; /* largest coordinate */
     const double *vertices;
     const int32_t *faces;
-    const int32_t *neighbours;    /* (F, 3): the face across the edge from corner k to k + 1, or -1 */
+    /* (F, 3): the face across the edge from corner k to k + 1, or -1 */
+    const int32_t *neighbours;
     const double *vertex_normals; /* (V, 3), angle-weighted, unit */
     const pandis__node *nodes;
     const pandis__leaf *leaves;
-    const int32_t *around, *corners_at; /* for a mesh that moves: for each vertex, the face corners at it */
-    const float (*slacks)[2];           /* likewise: slack and share of each leaf */
+    /* for a mesh that moves: for each vertex, the face corners at it */
+    const int32_t *around, *corners_at;
+    const float (*slacks)[2]; /* likewise: slack and share of each leaf */
 } pandis__mesh;
 
 /* Eight boxes around parts of a mesh, in steps of its lattice: from origin + (low << shift) to
@@ -236,8 +261,9 @@ typedef struct {
     int32_t child[PANDIS__WIDTH];    /* a branch if >= 0, else the complement of a block */
 } pandis__branch;
 
-/* Position of a block of faces in the section of blocks and in space. origin: 21 bits an axis. counts: faces less one,
- * corners less one (6 bits each), and the bits that its extents need (5 each). */
+/* Position of a block of faces in the section of blocks and in space. origin: 21 bits an axis.
+ * counts: faces less one, corners less one (6 bits each), and the bits that its extents need (5
+ * each). */
 typedef struct {
     uint32_t start, counts;
     uint64_t origin;
@@ -245,26 +271,26 @@ typedef struct {
 
 typedef struct {
     int32_t bits, branch_count, block_count;
-    int32_t most; /* budget of a query: groups of faces, and blocks */
+    int32_t most;       /* budget of a query: groups of faces, and blocks */
     double step, reach; /* step of the lattice and largest coordinate, unit frame */
     const pandis__branch *branches;
     const pandis__block_record *blocks;
     const unsigned char *packed;
-    const int32_t *original; /* for each place of each block: a face of mesh.zarr.zip; NULL: unknown */
+    /* for each place of each block: a face of mesh.zarr.zip; NULL: unknown */
+    const int32_t *original;
 } pandis__compact;
 
 typedef struct {
     int32_t shape;
     double size[3];
 } pandis__shape;
-
 typedef struct { /* internal except for its size: use the functions below */
     const unsigned char *data;
     size_t size;
     int kind, mapped;
-    double centre[3], scale;        /* of the unit frame: u = (p - centre) * scale */
+    double centre[3], scale;                   /* of the unit frame: u = (p - centre) * scale */
     double low[3], high[3], margin[2], height; /* see pandis__measure; unit frame */
-    const uint8_t *regions;            /* one per face, in the field's own order; NULL: unknown */
+    const uint8_t *regions; /* one per face, in the field's own order; NULL: unknown */
     union {
         pandis__network network;
         pandis__grid grid;
@@ -275,35 +301,37 @@ typedef struct { /* internal except for its size: use the functions below */
     } as;
 } pandis_field;
 
-/* ---------------------------------------------------------------- versions and errors
+/* -------------------- versions and errors
  *
- * Functions marked [rt] may be called in a real-time loop: they allocate nothing, lock nothing and make no system call.
- * Call all others before the loop. */
+ * Functions marked [rt] may be called in a real-time loop: they allocate nothing, lock nothing and
+ * make no system call. Call all others before the loop. */
 
 /* [rt] The version of the compiled implementation; PANDIS_VERSION is that of this header. */
 PANDIS_API const char *pandis_version(void);
 
-/* Check that the compiled implementation has the version and the structures of this header. Call it once if the two
- * are compiled separately. Returns PANDIS_SUCCESS or PANDIS_ERROR_HEADER. */
-#define PANDIS_CHECK() \
-    pandis__check(PANDIS_VERSION, sizeof(pandis_field), sizeof(pandis_contact_options), sizeof(pandis_touch))
-PANDIS_API pandis_error pandis__check(const char *version, size_t field, size_t options, size_t touch);
+/* Check that the compiled implementation has the version and the structures of this header. Call it
+ * once if the two are compiled separately. Returns PANDIS_SUCCESS or PANDIS_ERROR_HEADER. */
+#define PANDIS_CHECK()                                                                             \
+    pandis__check(PANDIS_VERSION, sizeof(pandis_field), sizeof(pandis_contact_options),            \
+        sizeof(pandis_touch))
+PANDIS_API pandis_error pandis__check(
+    const char *version, size_t field, size_t options, size_t touch);
 
 /* [rt] The meaning of an error, a sentence in static memory. */
 PANDIS_API const char *pandis_error_text(pandis_error error);
 
-/* ---------------------------------------------------------------- fields */
+/* -------------------- fields */
 
 /* Open a field from bytes. They are checked, so that no query reads outside them.
  *
  * field    filled in; closed on error
- * data     kept by the caller until the field is closed; aligned to 8 bytes (in C11: _Alignas(8) on an array)
- * size     of the data, bytes */
+ * data     kept by the caller until the field is closed; aligned to 8 bytes (in C11: _Alignas(8) on
+ * an array) size     of the data, bytes */
 PANDIS_API pandis_error pandis_open(pandis_field *field, const void *data, size_t size);
 
 #ifndef PANDIS_NO_FILE
-/* Open a file by reading it into memory. With PANDIS_MMAP defined it is mapped instead (not on Windows), and must not be
- * overwritten while it is open. The path is UTF-8, also on Windows. */
+/* Open a file by reading it into memory. With PANDIS_MMAP defined it is mapped instead (not on
+ * Windows), and must not be overwritten while it is open. The path is UTF-8, also on Windows. */
 PANDIS_API pandis_error pandis_open_file(pandis_field *field, const char *path);
 #endif
 
@@ -316,62 +344,70 @@ PANDIS_API pandis_kind pandis_field_kind(const pandis_field *field);
 /* [rt] The size of the field's file, bytes. */
 PANDIS_API size_t pandis_bytes(const pandis_field *field);
 
-/* [rt] A box around the surface, mesh units. If the file does not store it, the box contains the whole region that the
- * field covers. */
+/* [rt] A box around the surface, mesh units. If the file does not store it, the box contains the
+ * whole region that the field covers. */
 PANDIS_API void pandis_bounds(const pandis_field *field, double low[3], double high[3]);
 
 /* [rt] The length of the longest side of the mesh that the field was made from, mesh units. */
 PANDIS_API double pandis_longest_side(const pandis_field *field);
 
-/* [rt] The name of a region (pandis_answer.region): that of its faces' material in the mesh file. NULL if there is no
- * such region. */
+/* [rt] The name of a region (pandis_answer.region): that of its faces' material in the mesh file.
+ * NULL if there is no such region. */
 PANDIS_API const char *pandis_region(const pandis_field *field, int region);
 
-/* [rt] The provenance of the field: JSON of `*size` bytes, not zero-terminated and valid while the field is open; NULL if
- * there is none. */
+/* [rt] The provenance of the field: JSON of `*size` bytes, not zero-terminated and valid while the
+ * field is open; NULL if there is none. */
 PANDIS_API const char *pandis_provenance(const pandis_field *field, size_t *size);
 
-/* [rt] Query one point. If there is no answer (PANDIS_INVALID: a coordinate is not finite, or beyond 1e150),
- * distance, normal and slope are NaN.
+/* [rt] Query one point. If there is no answer (PANDIS_INVALID: a coordinate is not finite, or
+ * beyond 1e150), distance, normal and slope are NaN.
  *
  * point    mesh units */
-PANDIS_API void pandis_query(const pandis_field *field, const double point[3], pandis_answer *answer);
+PANDIS_API void pandis_query(
+    const pandis_field *field, const double point[3], pandis_answer *answer);
 
-/* [rt] Query one point as pandis_query does, bit for bit, if the surface is nearer than a reach. Else the flag may be
- * PANDIS_BEYOND: no surface is nearer than answer->clear, which is the reach (or less, if the search was cut short); the
- * side is unknown, and distance, normal and slope are NaN. For meshes this takes a few box tests at any distance. For
- * other fields, and for a negative or NaN reach, the result is that of pandis_query.
+/* [rt] Query one point as pandis_query does, bit for bit, if the surface is nearer than a reach.
+ * Else the flag may be PANDIS_BEYOND: no surface is nearer than answer->clear, which is the reach
+ * (or less, if the search was cut short); the side is unknown, and distance, normal and slope are
+ * NaN. For meshes this takes a few box tests at any distance. For other fields, and for a negative
+ * or NaN reach, the result is that of pandis_query.
  *
  * point    mesh units
  * reach    mesh units, from 0 on */
-PANDIS_API void pandis_query_within(const pandis_field *field, const double point[3], double reach,
-                                    pandis_answer *answer);
+PANDIS_API void pandis_query_within(
+    const pandis_field *field, const double point[3], double reach, pandis_answer *answer);
 
-/* [rt] Query one point as pandis_query does, bit for bit. For `exact` meshes this is faster if the previous point with
- * the same hint was near, and slower in the middle of a ball. Other fields do not use the hint.
+/* [rt] Query one point as pandis_query does, bit for bit. For `exact` meshes this is faster if the
+ * previous point with the same hint was near, and slower in the middle of a ball. Other fields do
+ * not use the hint.
  *
  * point    mesh units
  * hint     all zero before the first query */
-PANDIS_API void pandis_query_from(const pandis_field *field, const double point[3], pandis_hint *hint,
-                                  pandis_answer *answer);
+PANDIS_API void pandis_query_from(
+    const pandis_field *field, const double point[3], pandis_hint *hint, pandis_answer *answer);
 
-/* [rt] The distance alone (mesh units; NaN without an answer) and its flag, bit for bit as pandis_query returns them.
- * For a network whose normal is its gradient, this takes less than half the time; otherwise the same time. */
-PANDIS_API pandis_flag pandis_distance(const pandis_field *field, const double point[3], double *distance);
+/* [rt] The distance alone (mesh units; NaN without an answer) and its flag, bit for bit as
+ * pandis_query returns them. For a network whose normal is its gradient, this takes less than half
+ * the time; otherwise the same time. */
+PANDIS_API pandis_flag pandis_distance(
+    const pandis_field *field, const double point[3], double *distance);
 
-/* [rt] The gradient of the distance, and its second derivatives (per mesh unit), row by row. For meshes and closed forms
- * they are those of the nearest feature: 0 next to a face, round next to an edge or a corner. For splines and grids of
- * distances they follow from the formula. Elsewhere (networks, and where the flag is PANDIS_BOUND) they are finite
- * differences over a few thousandths of the object or less. At a crease they are those of one side. Where there is no
- * answer, and for grids of forces, they are NaN and the flag is PANDIS_INVALID. */
-PANDIS_API pandis_flag pandis_derivatives(const pandis_field *field, const double point[3], double gradient[3],
-                                          double hessian[9]);
+/* [rt] The gradient of the distance, and its second derivatives (per mesh unit), row by row. For
+ * meshes and closed forms they are those of the nearest feature: 0 next to a face, round next to an
+ * edge or a corner. For splines and grids of distances they follow from the formula. Elsewhere
+ * (networks, and where the flag is PANDIS_BOUND) they are finite differences over a few thousandths
+ * of the object or less. At a crease they are those of one side. Where there is no answer, and for
+ * grids of forces, they are NaN and the flag is PANDIS_INVALID. */
+PANDIS_API pandis_flag pandis_derivatives(
+    const pandis_field *field, const double point[3], double gradient[3], double hessian[9]);
 
-/* [rt] The penalty force -stiffness * min(distance, 0) * normal: zero outside, and where there is no answer.
+/* [rt] The penalty force -stiffness * min(distance, 0) * normal: zero outside, and where there is
+ * no answer.
  *
  * point      mesh units
  * stiffness  force per mesh unit, from 0 to 1e100; else PANDIS_INVALID, and no force */
-PANDIS_API pandis_flag pandis_force(const pandis_field *field, const double point[3], double stiffness, double force[3]);
+PANDIS_API pandis_flag pandis_force(
+    const pandis_field *field, const double point[3], double stiffness, double force[3]);
 
 /* [rt] Query several points.
  *
@@ -379,38 +415,45 @@ PANDIS_API pandis_flag pandis_force(const pandis_field *field, const double poin
  * distances  count doubles
  * normals    3 * count doubles, or NULL
  * flags      count bytes, a pandis_flag each, or NULL */
-PANDIS_API void pandis_query_many(const pandis_field *field, const double *points, size_t count, double *distances,
-                                  double *normals, unsigned char *flags);
+PANDIS_API void pandis_query_many(const pandis_field *field, const double *points, size_t count,
+    double *distances, double *normals, unsigned char *flags);
 
-/* ---------------------------------------------------------------- meshes whose vertices move (`exact` fields alone) */
+/* -------------------- meshes whose vertices move (`exact` fields alone) */
 
-/* [rt] Number of vertices of a mesh, and bytes of memory that pandis_refit_open requires; both 0 for any other field. */
+/* [rt] Number of vertices of a mesh, and bytes of memory that pandis_refit_open requires; both 0
+ * for any other field. */
 PANDIS_API size_t pandis_vertex_count(const pandis_field *field);
 PANDIS_API size_t pandis_refit_room(const pandis_field *field);
 
-/* Open a mesh field with the faces of another one, and with vertices that can move. It need not be closed.
+/* Open a mesh field with the faces of another one, and with vertices that can move. It need not be
+ * closed.
  *
  * moving   filled in
  * field    a mesh, which must stay open while `moving` is used
  * room     at least pandis_refit_room bytes of memory, aligned to 8 bytes, kept by the caller
  * size     of the room, bytes
  *
- * Returns PANDIS_SUCCESS, PANDIS_ERROR_CONTENT (no mesh), PANDIS_ERROR_ALIGNMENT or PANDIS_ERROR_COUNT (too little room). */
-PANDIS_API pandis_error pandis_refit_open(pandis_field *moving, const pandis_field *field, void *room, size_t size);
+ * Returns PANDIS_SUCCESS, PANDIS_ERROR_CONTENT (no mesh), PANDIS_ERROR_ALIGNMENT or
+ * PANDIS_ERROR_COUNT (too little room). */
+PANDIS_API pandis_error pandis_refit_open(
+    pandis_field *moving, const pandis_field *field, void *room, size_t size);
 
-/* [rt] Move the vertices. Distances are then bit for bit those of a newly built tree. The unit frame does not change:
- * points beyond its box are flagged PANDIS_BOUND. Then notify scenes (pandis_scene_moved) and contacts
- * (pandis_contact_reshaped). No other thread may use the field during the call.
+/* [rt] Move the vertices. Distances are then bit for bit those of a newly built tree. The unit
+ * frame does not change: points beyond its box are flagged PANDIS_BOUND. Then notify scenes
+ * (pandis_scene_moved) and contacts (pandis_contact_reshaped). No other thread may use the field
+ * during the call.
  *
  * vertices  3 * count doubles, mesh units, in the order of mesh.zarr.zip
  * count     pandis_vertex_count
  *
- * Returns PANDIS_SUCCESS; PANDIS_ERROR_VERTEX, PANDIS_ERROR_COUNT or PANDIS_ERROR_CONTENT, and the old shape stays. */
+ * Returns PANDIS_SUCCESS; PANDIS_ERROR_VERTEX, PANDIS_ERROR_COUNT or PANDIS_ERROR_CONTENT, and the
+ * old shape stays. */
 PANDIS_API pandis_error pandis_refit(pandis_field *moving, const double *vertices, size_t count);
 
 #if defined(__GNUC__) || defined(_MSC_VER)
-/* A mesh that one thread moves while another queries it; neither waits. Of three shapes one is written, one is queried,
- * and the newest complete one is handed over. One thread calls _refit, the other _take. The contents are internal. */
+/* A mesh that one thread moves while another queries it; neither waits. Of three shapes one is
+ * written, one is queried, and the newest complete one is handed over. One thread calls _refit, the
+ * other _take. The contents are internal. */
 typedef union {
     double aligned;
     unsigned char bytes[3 * sizeof(pandis_field) + 16];
@@ -419,22 +462,24 @@ typedef union {
 /* [rt] Bytes for three shapes; 0: not a mesh. */
 PANDIS_API size_t pandis_handover_room(const pandis_field *field);
 
-/* Begin a handover. Arguments and errors as for pandis_refit_open; room has pandis_handover_room bytes. */
-PANDIS_API pandis_error pandis_handover_open(pandis_handover *handover, const pandis_field *field, void *room,
-                                             size_t size);
+/* Begin a handover. Arguments and errors as for pandis_refit_open; room has pandis_handover_room
+ * bytes. */
+PANDIS_API pandis_error pandis_handover_open(
+    pandis_handover *handover, const pandis_field *field, void *room, size_t size);
 
 /* [rt] Move the vertices, as pandis_refit does, and hand the shape over. */
-PANDIS_API pandis_error pandis_handover_refit(pandis_handover *handover, const double *vertices, size_t count);
+PANDIS_API pandis_error pandis_handover_refit(
+    pandis_handover *handover, const double *vertices, size_t count);
 
-/* [rt] Set `moving` to the newest complete shape, at the beginning of a tick. It then does not change until the next
- * call. Returns 1 if the shape is new, and in the first call; else 0. After 1, notify scenes (pandis_scene_moved) and
- * contacts (pandis_contact_reshaped). */
+/* [rt] Set `moving` to the newest complete shape, at the beginning of a tick. It then does not
+ * change until the next call. Returns 1 if the shape is new, and in the first call; else 0. After
+ * 1, notify scenes (pandis_scene_moved) and contacts (pandis_contact_reshaped). */
 PANDIS_API int pandis_handover_take(pandis_handover *handover, pandis_field *moving);
 #endif
+/* -------------------- objects and what they feel like */
 
-/* ---------------------------------------------------------------- objects and what they feel like */
-
-/* An object: a field and its pose. A point p of the mesh is at scale * rotation * p + translation in the scene. */
+/* An object: a field and its pose. A point p of the mesh is at scale * rotation * p + translation
+ * in the scene. */
 typedef struct {
     const pandis_field *field; /* must stay open while the object is used */
     double rotation[9];        /* row by row; orthonormal within 1e-6, and no reflection */
@@ -447,69 +492,89 @@ typedef struct {
  *
  * point    scene lengths
  * force    in scene coordinates */
-PANDIS_API pandis_flag pandis_object_force(const pandis_object *object, const double point[3], double force[3]);
+PANDIS_API pandis_flag pandis_object_force(
+    const pandis_object *object, const double point[3], double force[3]);
 
-/* Properties of a surface, apart from the object's stiffness. All values are in units of the scene, from 0 to 1e100; if
- * all are zero, the surface is smooth. */
+/* Properties of a surface, apart from the object's stiffness. All values are in units of the scene,
+ * from 0 to 1e100; if all are zero, the surface is smooth. */
 typedef struct {
-    double sticking; /* coefficient of static friction: the proxy stays up to this tangential force per normal force */
-    double sliding;  /* coefficient of sliding friction, at most `sticking` */
-    double damping;  /* force per speed of the probe along the normal; it never pulls towards the surface */
-    double drag;     /* force per speed of the proxy along the surface */
+    /* coefficient of static friction: the proxy stays up to this tangential force per normal force
+     */
+    double sticking;
+    double sliding; /* coefficient of sliding friction, at most `sticking` */
+    /* force per speed of the probe along the normal; it never pulls towards the surface */
+    double damping;
+    double drag; /* force per speed of the proxy along the surface */
 } pandis_material;
 
-/* A height above the surface, which a proxy feels. It is never negative, so walls are as tight as without a texture. The
- * proxy follows slopes up to about 0.65; on steeper ones it falls behind. */
+/* A height above the surface, which a proxy feels. It is never negative, so walls are as tight as
+ * without a texture. The proxy follows slopes up to about 0.65; on steeper ones it falls behind. */
 typedef struct {
-    /* the height, from 0 to `most`, and its gradient, no longer than `steepest`, at a point of the surface (mesh units) in a
-     * region (pandis_answer). It is called in the loop, so it must be [rt], too */
+    /* the height, from 0 to `most`, and its gradient, no longer than `steepest`, at a point of the
+     * surface (mesh units) in a region (pandis_answer). It is called in the loop, so it must be
+     * [rt], too */
     double (*height)(const void *data, const double point[3], int region, double gradient[3]);
     const void *data; /* passed on to `height` */
     double most;      /* mesh units, from 0 on */
     double steepest;  /* from 0 to 15: steeper textures let a probe through thin walls */
 } pandis_texture;
 
-/* [rt] A height for textures: waves that vary along a direction of unit length; steepest 3.15 * height / length. */
+/* [rt] A height for textures: waves that vary along a direction of unit length; steepest 3.15 *
+ * height / length. */
 typedef struct {
     double height, length, direction[3]; /* mesh units */
 } pandis_ridges;
-PANDIS_API double pandis_waves(const void *ridges, const double point[3], int region, double gradient[3]);
+PANDIS_API double pandis_waves(
+    const void *ridges, const double point[3], int region, double gradient[3]);
 
-/* [rt] A height for textures: pseudorandom bumps, one per cube of side `length`; steepest 3.25 * height / length. */
+/* [rt] A height for textures: pseudorandom bumps, one per cube of side `length`; steepest 3.25 *
+ * height / length. */
 typedef struct {
     double height, length; /* mesh units */
 } pandis_bumps;
-PANDIS_API double pandis_noise(const void *bumps, const double point[3], int region, double gradient[3]);
+PANDIS_API double pandis_noise(
+    const void *bumps, const double point[3], int region, double gradient[3]);
 
-/* [rt] A texture for each region: `count` of them, in the order of the regions; a NULL height is smooth. The first
- * texture also applies to places without a region, or with a region >= `count`, as with materials. The combined texture
- * has pandis_by_region as its height, and the largest `most` and `steepest` of them all. */
+/* [rt] A texture for each region: `count` of them, in the order of the regions; a NULL height is
+ * smooth. The first texture also applies to places without a region, or with a region >= `count`,
+ * as with materials. The combined texture has pandis_by_region as its height, and the largest
+ * `most` and `steepest` of them all. */
 typedef struct {
     const pandis_texture *textures;
     int32_t count;
 } pandis_patches;
-PANDIS_API double pandis_by_region(const void *patches, const double point[3], int region, double gradient[3]);
+PANDIS_API double pandis_by_region(
+    const void *patches, const double point[3], int region, double gradient[3]);
 
-/* ---------------------------------------------------------------- contacts
+/* -------------------- contacts
  *
- * The force on a probe that is kept out of an object. The proxy is a ball that never goes through the surface. A spring
- * connects it to the probe, which is at the device's position. A contact belongs to one probe, one object and one thread. */
+ * The force on a probe that is kept out of an object. The proxy is a ball that never goes through
+ * the surface. A spring connects it to the probe, which is at the device's position. A contact
+ * belongs to one probe, one object and one thread. */
 
-/* Options of a contact. Start from pandis_contact_defaults, and change only the values that should differ. */
+/* Options of a contact. Start from pandis_contact_defaults, and change only the values that should
+ * differ. */
 typedef struct {
-    double radius;  /* of the proxy, scene lengths; 0: a point. Up to 1e100 for meshes, compact meshes, closed forms and
-                     * networks; for splines and grids up to 0.95 of the height above the surface that they cover (by default
-                     * 1 mm of 100), else PANDIS_ERROR_RADIUS. Default 0 */
-    double slide;   /* largest excess of the proxy's speed over the probe's: scene lengths per second, at least 0. It limits
-                     * jumps of the force at ridges. Default: half the object's longest side */
-    int32_t budget; /* number of queries after which a step ends (a started look may add two, and `regions` one); the next step
-                     * continues it. At least 8: with fewer, every step would start over. Default 24 */
-    const pandis_material *materials; /* one per region, kept by the caller, who may change values between steps. The first also
-                                       * applies to places with no region, or with one beyond the last. NULL: smooth */
-    size_t material_count;            /* 0: smooth */
-    const pandis_texture *texture;    /* of the surface, kept by the caller; NULL, the default: none */
-    const pandis_field *regions;      /* source of regions if the object's field has none: a mesh of the same object, which must
-                                       * stay open; NULL, the default: none */
+    /* of the proxy, scene lengths; 0: a point. Up to 1e100 for meshes, compact meshes, closed forms
+     * and networks; for splines and grids up to 0.95 of the height above the surface that they
+     * cover (by default 1 mm of 100), else PANDIS_ERROR_RADIUS. Default 0 */
+    double radius;
+    /* largest excess of the proxy's speed over the probe's: scene lengths per second, at least 0.
+     * It limits jumps of the force at ridges. Default: half the object's longest side */
+    double slide;
+    /* number of queries after which a step ends (a started look may add two, and `regions` one);
+     * the next step continues it. At least 8: with fewer, every step would start over. Default 24
+     */
+    int32_t budget;
+    /* one per region, kept by the caller, who may change values between steps. The first also
+     * applies to places with no region, or with one beyond the last. NULL: smooth */
+    const pandis_material *materials;
+    size_t material_count; /* 0: smooth */
+    /* of the surface, kept by the caller; NULL, the default: none */
+    const pandis_texture *texture;
+    /* source of regions if the object's field has none: a mesh of the same object, which must stay
+     * open; NULL, the default: none */
+    const pandis_field *regions;
 } pandis_contact_options;
 
 /* [rt] The defaults for an object. */
@@ -527,24 +592,30 @@ typedef enum {
     PANDIS_TOUCHING = 1, /* the surface holds the proxy back */
     PANDIS_STICKING = 2, /* friction holds the proxy back, too */
     PANDIS_BEHIND = 4,   /* the budget or `slide` stopped the proxy short of its goal */
-    PANDIS_WAITING = 8   /* the probe began inside and has not come out yet. The side it came from is unknown, so nothing
-                          * pushes it out. It is held at its initial depth, or at the smallest depth since. Where the field
-                          * has no distance that deep inside, there is no force until the probe is out */
+    /* the probe began inside and has not come out yet. The side it came from is unknown, so nothing
+       pushes it out. It is held at its initial depth, or at the smallest depth since. Where the
+       field has no distance that deep inside, there is no force until the probe is out */
+    PANDIS_WAITING = 8
 } pandis_touch_bits;
 
 /* Result of a step, in units and directions of the scene. */
 typedef struct {
     double force[3], proxy[3];
-    double normal[3]; /* of the surface, or of several combined, against which the proxy is pressed; 0 if there is none */
+    /* of the surface, or of several combined, against which the proxy is pressed; 0 if there is
+     * none */
+    double normal[3];
     double depth;     /* how far the probe is pressed past the proxy, along the normal */
     double slip;      /* how far the proxy slid along the surface */
     int state;        /* pandis_touch_bits */
     pandis_flag flag; /* the worst of the queries; PANDIS_INVALID: no force, and the proxy stays */
-    int planes;       /* number of planes that hold the proxy back: 1 on a face, 2 in an edge, 3 in a corner */
-    int queries;      /* number of queries in this step */
-    int32_t object;   /* index of the object in a scene */
-    int32_t face;     /* index, in mesh.zarr.zip, of the face nearest to the proxy, if the field stores it: see pandis_answer */
-    int32_t region;   /* region at the proxy, likewise */
+    /* number of planes that hold the proxy back: 1 on a face, 2 in an edge, 3 in a corner */
+    int planes;
+    int queries;    /* number of queries in this step */
+    int32_t object; /* index of the object in a scene */
+    /* index, in mesh.zarr.zip, of the face nearest to the proxy, if the field stores it: see
+     * pandis_answer */
+    int32_t face;
+    int32_t region; /* region at the proxy, likewise */
 } pandis_touch;
 
 /* [rt] Begin a contact; the next step is its first.
@@ -552,38 +623,42 @@ typedef struct {
  * object   must have a field of distances, not a grid of forces (PANDIS_ERROR_KIND)
  * options  copied; NULL: the defaults
  *
- * Returns PANDIS_SUCCESS, PANDIS_ERROR_POSE, PANDIS_ERROR_KIND, PANDIS_ERROR_RADIUS or PANDIS_ERROR_OPTIONS; after an error
- * steps return PANDIS_INVALID. */
-PANDIS_API pandis_error pandis_contact_open(pandis_contact *contact, const pandis_object *object,
-                                            const pandis_contact_options *options);
+ * Returns PANDIS_SUCCESS, PANDIS_ERROR_POSE, PANDIS_ERROR_KIND, PANDIS_ERROR_RADIUS or
+ * PANDIS_ERROR_OPTIONS; after an error steps return PANDIS_INVALID. */
+PANDIS_API pandis_error pandis_contact_open(
+    pandis_contact *contact, const pandis_object *object, const pandis_contact_options *options);
 
-/* [rt] Get or set the options of an open contact. New ones apply from the next step on; after an error the old ones stay.
- * A new radius moves the walls: for a scene's contact, call pandis_scene_moved, too. */
+/* [rt] Get or set the options of an open contact. New ones apply from the next step on; after an
+ * error the old ones stay. A new radius moves the walls: for a scene's contact, call
+ * pandis_scene_moved, too. */
 PANDIS_API pandis_contact_options pandis_contact_get(const pandis_contact *contact);
-PANDIS_API pandis_error pandis_contact_set(pandis_contact *contact, const pandis_contact_options *options);
+PANDIS_API pandis_error pandis_contact_set(
+    pandis_contact *contact, const pandis_contact_options *options);
 
-/* [rt] Move the probe. The proxy follows it through free space and never goes through the surface, however thin a wall
- * is. Along the surface it takes short steps, on up to three planes at once, of eight that it stores.
+/* [rt] Move the probe. The proxy follows it through free space and never goes through the surface,
+ * however thin a wall is. Along the surface it takes short steps, on up to three planes at once, of
+ * eight that it stores.
  *
- * object    its pose may differ from the last step's: the proxy moves with it. With another field or scale the contact
- *           restarts; if the probe is then inside, the state is PANDIS_WAITING
- * position  of the probe, scene lengths
- * dt        seconds since the last step, more than 0. Tested with steps of 0.2 to 5 ms
+ * object    its pose may differ from the last step's: the proxy moves with it. With another field
+ * or scale the contact restarts; if the probe is then inside, the state is PANDIS_WAITING position
+ * of the probe, scene lengths dt        seconds since the last step, more than 0. Tested with steps
+ * of 0.2 to 5 ms
  *
- * Returns touch->flag. PANDIS_INVALID, where position, dt, the stiffness or a material is out of range, means no force in
- * this tick: it drops to zero at once. Apart from damping, the force changes by at most the object's stiffness times
- * (twice the probe's motion + slide * dt). A jump of the object counts as motion of the probe. */
-PANDIS_API pandis_flag pandis_contact_step(pandis_contact *contact, const pandis_object *object, const double position[3],
-                                           double dt, pandis_touch *touch);
+ * Returns touch->flag. PANDIS_INVALID, where position, dt, the stiffness or a material is out of
+ * range, means no force in this tick: it drops to zero at once. Apart from damping, the force
+ * changes by at most the object's stiffness times (twice the probe's motion + slide * dt). A jump
+ * of the object counts as motion of the probe. */
+PANDIS_API pandis_flag pandis_contact_step(pandis_contact *contact, const pandis_object *object,
+    const double position[3], double dt, pandis_touch *touch);
 
-/* [rt] Notify a contact that its object's field has another shape (pandis_refit): if the surface has moved past the proxy, the
- * next step moves the proxy back out. */
+/* [rt] Notify a contact that its object's field has another shape (pandis_refit): if the surface
+ * has moved past the proxy, the next step moves the proxy back out. */
 PANDIS_API void pandis_contact_reshaped(pandis_contact *contact);
-
-/* ---------------------------------------------------------------- scenes
+/* -------------------- scenes
  *
- * Objects that one probe can touch. Each is queried again only when the probe may touch it: a field at distance d cannot
- * be touched before the probe has moved that far. Each probe needs its own scene, in one thread. */
+ * Objects that one probe can touch. Each is queried again only when the probe may touch it: a field
+ * at distance d cannot be touched before the probe has moved that far. Each probe needs its own
+ * scene, in one thread. */
 
 /* The state of a scene. Its contents are internal. */
 typedef union {
@@ -591,36 +666,41 @@ typedef union {
     unsigned char bytes[256];
 } pandis_scene;
 
-/* Number of objects that are tested together, and of doubles that a scene of `count` objects requires. */
+/* Number of objects that are tested together, and of doubles that a scene of `count` objects
+ * requires. */
 #define PANDIS_SCENE_BLOCK 32
-#define PANDIS_SCENE_ROOM(count) \
-    (8 * PANDIS_SCENE_BLOCK * (((count) + sizeof(char) * (PANDIS_SCENE_BLOCK - 1)) / PANDIS_SCENE_BLOCK))
+#define PANDIS_SCENE_ROOM(count)                                                                   \
+    (8 * PANDIS_SCENE_BLOCK *                                                                      \
+        (((count) + sizeof(char) * (PANDIS_SCENE_BLOCK - 1)) / PANDIS_SCENE_BLOCK))
 
 /* Begin a scene.
  *
- * objects      `count` objects, kept by the caller, who may change them between calls: see pandis_scene_moved
- * room         memory of at least PANDIS_SCENE_ROOM(count) doubles, kept by the caller
- * room_length  number of doubles in `room`
+ * objects      `count` objects, kept by the caller, who may change them between calls: see
+ * pandis_scene_moved room         memory of at least PANDIS_SCENE_ROOM(count) doubles, kept by the
+ * caller room_length  number of doubles in `room`
  *
- * Returns PANDIS_SUCCESS; PANDIS_ERROR_POSE: invalid objects are left out; or PANDIS_ERROR_COUNT: the scene is empty. */
-PANDIS_API pandis_error pandis_scene_open(pandis_scene *scene, const pandis_object *objects, size_t count, double *room,
-                                          size_t room_length);
+ * Returns PANDIS_SUCCESS; PANDIS_ERROR_POSE: invalid objects are left out; or PANDIS_ERROR_COUNT:
+ * the scene is empty. */
+PANDIS_API pandis_error pandis_scene_open(pandis_scene *scene, const pandis_object *objects,
+    size_t count, double *room, size_t room_length);
 
-/* [rt] Notify a scene that an object was moved, turned, scaled, reshaped (call pandis_contact_reshaped for its contact, too),
- * or given another field.
+/* [rt] Notify a scene that an object was moved, turned, scaled, reshaped (call
+ * pandis_contact_reshaped for its contact, too), or given another field.
  *
  * object   its index
  *
- * Returns PANDIS_SUCCESS; PANDIS_ERROR_POSE: the object is left out until it is valid; or PANDIS_ERROR_COUNT: there is no
- * such object. */
+ * Returns PANDIS_SUCCESS; PANDIS_ERROR_POSE: the object is left out until it is valid; or
+ * PANDIS_ERROR_COUNT: there is no such object. */
 PANDIS_API pandis_error pandis_scene_moved(pandis_scene *scene, size_t object);
 
-/* [rt] The sum of the penalty forces of all objects, in their order: bit for bit that of pandis_object_force, provided
- * that no field's distance error exceeds the bound in its file. It does not affect pandis_scene_touch, whatever the order
- * of calls. Returns the worst flag of the objects queried.
+/* [rt] The sum of the penalty forces of all objects, in their order: bit for bit that of
+ * pandis_object_force, provided that no field's distance error exceeds the bound in its file. It
+ * does not affect pandis_scene_touch, whatever the order of calls. Returns the worst flag of the
+ * objects queried.
  *
  * point    scene lengths, at most 1e100 */
-PANDIS_API pandis_flag pandis_scene_force(pandis_scene *scene, const double point[3], double force[3]);
+PANDIS_API pandis_flag pandis_scene_force(
+    pandis_scene *scene, const double point[3], double force[3]);
 
 /* Begin a contact for each object.
  *
@@ -628,12 +708,14 @@ PANDIS_API pandis_flag pandis_scene_force(pandis_scene *scene, const double poin
  * options   `count` options, copied; NULL: the defaults
  * count     number of objects in the scene, else PANDIS_ERROR_COUNT
  *
- * Returns PANDIS_SUCCESS, or the first error of pandis_contact_open: that object is left out until this is called again. */
+ * Returns PANDIS_SUCCESS, or the first error of pandis_contact_open: that object is left out until
+ * this is called again. */
 PANDIS_API pandis_error pandis_scene_touch_open(pandis_scene *scene, pandis_contact *contacts,
-                                                const pandis_contact_options *options, size_t count);
+    const pandis_contact_options *options, size_t count);
 
-/* [rt] Move the probe, and step the contacts of all objects that it may touch. The force is the sum of theirs, in the order
- * of the objects, bit for bit as if all had been stepped. A moved object carries its proxy along.
+/* [rt] Move the probe, and step the contacts of all objects that it may touch. The force is the sum
+ * of theirs, in the order of the objects, bit for bit as if all had been stepped. A moved object
+ * carries its proxy along.
  *
  * position  scene lengths, at most 1e100
  * dt        seconds since the last step, more than 0
@@ -642,24 +724,27 @@ PANDIS_API pandis_error pandis_scene_touch_open(pandis_scene *scene, pandis_cont
  * touched   number of such objects, which may exceed `most`; NULL: not wanted
  *
  * Returns the worst flag. */
-PANDIS_API pandis_flag pandis_scene_touch(pandis_scene *scene, const double position[3], double dt, double force[3],
-                                          pandis_touch *touches, size_t most, size_t *touched);
+PANDIS_API pandis_flag pandis_scene_touch(pandis_scene *scene, const double position[3], double dt,
+    double force[3], pandis_touch *touches, size_t most, size_t *touched);
 
-/* [rt] Number of fields queried by the last pandis_scene_force, or of queries made by the last pandis_scene_touch. */
+/* [rt] Number of fields queried by the last pandis_scene_force, or of queries made by the last
+ * pandis_scene_touch. */
 PANDIS_API size_t pandis_scene_queries(const pandis_scene *scene);
 
 #if defined(__GNUC__) || defined(_MSC_VER)
-/* ---------------------------------------------------------------- objects that a simulation moves
+/* -------------------- objects that a simulation moves
  *
- * A simulation hands frames of poses over to the haptic loop; neither waits. Of three frames one is written, one is
- * followed, and the newest complete one is handed over. In each tick every object moves, without a jump, towards the
- * pose predicted for the time when the next frame is due. If the frame is late, it waits there. One thread gives, one steps. */
+ * A simulation hands frames of poses over to the haptic loop; neither waits. Of three frames one is
+ * written, one is followed, and the newest complete one is handed over. In each tick every object
+ * moves, without a jump, towards the pose predicted for the time when the next frame is due. If the
+ * frame is late, it waits there. One thread gives, one steps. */
 
 /* Pose and velocity of an object in a frame. */
 typedef struct {
     double rotation[9], translation[3]; /* as in pandis_object */
-    double velocity[3];                 /* of the point at `translation`, scene lengths per second, at most 1e50 */
-    double spin[3];                     /* axis times radians per second, in scene coordinates */
+    /* of the point at `translation`, scene lengths per second, at most 1e50 */
+    double velocity[3];
+    double spin[3]; /* axis times radians per second, in scene coordinates */
 } pandis_pose;
 
 /* The state of the handover. Its contents are internal. */
@@ -678,8 +763,8 @@ typedef union {
  * room_length  number of doubles in `room`
  *
  * Returns PANDIS_SUCCESS, PANDIS_ERROR_POSE or PANDIS_ERROR_COUNT. */
-PANDIS_API pandis_error pandis_poses_open(pandis_poses *poses, pandis_object *objects, size_t count, double *room,
-                                          size_t room_length);
+PANDIS_API pandis_error pandis_poses_open(
+    pandis_poses *poses, pandis_object *objects, size_t count, double *room, size_t room_length);
 
 /* [rt] Hand over a frame, in the simulation's thread.
  *
@@ -687,9 +772,11 @@ PANDIS_API pandis_error pandis_poses_open(pandis_poses *poses, pandis_object *ob
  * count    number of objects, else PANDIS_ERROR_COUNT
  * period   seconds until the next frame is due, more than 0 and at most 1e6
  *
- * Returns PANDIS_SUCCESS; or PANDIS_ERROR_POSE, and nothing is handed over: a rotation matrix is not a rotation,
- * a value is not finite, or an object turns more than halfway round in the period. */
-PANDIS_API pandis_error pandis_poses_give(pandis_poses *poses, const pandis_pose *frame, size_t count, double period);
+ * Returns PANDIS_SUCCESS; or PANDIS_ERROR_POSE, and nothing is handed over: a rotation matrix is
+ * not a rotation, a value is not finite, or an object turns more than halfway round in the period.
+ */
+PANDIS_API pandis_error pandis_poses_give(
+    pandis_poses *poses, const pandis_pose *frame, size_t count, double period);
 
 /* [rt] Move the objects, at the beginning of a tick. Returns 1 if there was a new frame, else 0.
  *
@@ -707,14 +794,14 @@ PANDIS_API int pandis_poses_step(pandis_poses *poses, pandis_scene *scene, doubl
 
 #if defined(PANDIS_IMPLEMENTATION) && !defined(PANDIS__IMPLEMENTED)
 #define PANDIS__IMPLEMENTED
-
 #include <float.h>
 #include <math.h>
 #include <string.h>
 #if defined(_MSC_VER)
 #include <intrin.h>
 #endif
-#if defined(__FAST_MATH__) || defined(__RECIPROCAL_MATH__) || (defined(__FINITE_MATH_ONLY__) && __FINITE_MATH_ONLY__ > 0) || defined(_M_FP_FAST)
+#if defined(__FAST_MATH__) || defined(__RECIPROCAL_MATH__) ||                                      \
+    (defined(__FINITE_MATH_ONLY__) && __FINITE_MATH_ONLY__ > 0) || defined(_M_FP_FAST)
 #error "pandis.h needs IEEE arithmetic: compile without -ffast-math (/fp:fast)"
 #endif
 #if FLT_EVAL_METHOD != 0 && FLT_EVAL_METHOD != 16 /* 16: only half-precision arithmetic differs */
@@ -741,9 +828,9 @@ PANDIS_API int pandis_poses_step(pandis_poses *poses, pandis_scene *scene, doubl
 #define PANDIS__RESTRICT restrict
 #endif
 
-/* -O2 is enough for the code below. GCC then uses few vectors, and even fewer if an operation might trap, so options are
- * set here; clang needs none. Products and sums are rounded separately, whatever the flags, so that all compilers,
- * machines and vector widths give the same bits. */
+/* -O2 is enough for the code below. GCC then uses few vectors, and even fewer if an operation might
+ * trap, so options are set here; clang needs none. Products and sums are rounded separately,
+ * whatever the flags, so that all compilers, machines and vector widths give the same bits. */
 #if defined(__cplusplus) && defined(__GNUC__) /* the code is also C, which has no other casts */
 #pragma GCC diagnostic push
 #pragma GCC diagnostic ignored "-Wold-style-cast"
@@ -760,7 +847,8 @@ PANDIS_API int pandis_poses_step(pandis_poses *poses, pandis_scene *scene, doubl
 #define PANDIS__PUSHED
 #endif
 
-#if defined(__GNUC__) && !(defined(__clang__) && !defined(__OPTIMIZE__)) /* without optimisation clang's stack would grow */
+/* without optimisation clang's stack would grow */
+#if defined(__GNUC__) && !(defined(__clang__) && !defined(__OPTIMIZE__))
 #define PANDIS__INLINE static inline __attribute__((always_inline))
 #else
 #define PANDIS__INLINE static inline
@@ -789,18 +877,22 @@ PANDIS_API int pandis_poses_step(pandis_poses *poses, pandis_scene *scene, doubl
 #define PANDIS_MOST_DEPTH 16
 #endif
 
-#define PANDIS__LONGEST 1.8       /* longest side of a mesh in the unit frame */
+#define PANDIS__LONGEST 1.8 /* longest side of a mesh in the unit frame */
 #define PANDIS__HALF (PANDIS__LONGEST / 2)
-#define PANDIS__FAR 1e150         /* larger coordinates overflow when squared */
-#define PANDIS__EDGE (1 - 1e-12)  /* the outermost faces of the box belong to its last cells */
-#define PANDIS__LANES 16          /* number of lanes of a sum, whatever the machine's vector width */
+#define PANDIS__FAR 1e150        /* larger coordinates overflow when squared */
+#define PANDIS__EDGE (1 - 1e-12) /* the outermost faces of the box belong to its last cells */
+/* number of lanes of a sum, whatever the machine's vector width */
+#define PANDIS__LANES 16
 #define PANDIS__ROWS ((PANDIS_MOST_WIDTH + PANDIS__LANES - 1) / PANDIS__LANES * PANDIS__LANES)
-#define PANDIS__HEAP 512 /* capacity of the queue of boxes to visit; if it is full, the farthest are dropped */
+/* capacity of the queue of boxes to visit; if it is full, the farthest are dropped */
+#define PANDIS__HEAP 512
 #define PANDIS__STACK 704
-#define PANDIS__DEEPEST 100 /* maximum depth of a tree: each level leaves seven entries on the stack */
+/* maximum depth of a tree: each level leaves seven entries on the stack */
+#define PANDIS__DEEPEST 100
 #define PANDIS__NO_BRICK 65535
 #define PANDIS__MOST_BITS 20
-#define PANDIS__SOON 192 /* minimum number of boxes and faces visited in tree order, before best-first */
+/* minimum number of boxes and faces visited in tree order, before best-first */
+#define PANDIS__SOON 192
 #define PANDIS__SLACK 16 /* bytes after the last block that are read but not used */
 #define PANDIS__BLOCK 64 /* maximum number of faces, and of corners, per block of a packed mesh */
 
@@ -826,7 +918,8 @@ static int pandis__normalise(double *v) {
 }
 
 /* Move a point into a box; returns the distance moved. */
-static double pandis__clamp_to(const double *low, const double *high, const double *u, double *inside) {
+static double pandis__clamp_to(
+    const double *low, const double *high, const double *u, double *inside) {
     double off[3];
     for (int k = 0; k < 3; k++) {
         inside[k] = u[k] < low[k] ? low[k] : u[k] > high[k] ? high[k] : u[k];
@@ -839,8 +932,7 @@ static double pandis__clamp(const double *u, double *inside) {
     static const double low[3] = {-1, -1, -1}, high[3] = {1, 1, 1};
     return pandis__clamp_to(low, high, u, inside);
 }
-
-/* ---------------------------------------------------------------- contents of the opaque states */
+/* -------------------- contents of the opaque states */
 
 typedef struct {
     pandis_contact_options options; /* budget 0: the contact is not open */
@@ -876,12 +968,15 @@ typedef struct {
 } pandis__handover;
 #endif
 
-/* The state behind each handle. Handles are aligned for doubles. As unions with characters, they may alias anything. */
-#define PANDIS__STATE(handle)                                                                                     \
-    typedef char handle##_fits[sizeof(pandis__##handle) <= sizeof(pandis_##handle) ? 1 : -1];                     \
-    PANDIS__INLINE pandis__##handle *pandis__##handle##_of(pandis_##handle *h) { return (pandis__##handle *)(void *)h; } \
-    PANDIS__INLINE const pandis__##handle *pandis__##handle##_in(const pandis_##handle *h) {                      \
-        return (const pandis__##handle *)(const void *)h;                                                         \
+/* The state behind each handle. Handles are aligned for doubles. As unions with characters, they
+ * may alias anything. */
+#define PANDIS__STATE(handle)                                                                      \
+    typedef char handle##_fits[sizeof(pandis__##handle) <= sizeof(pandis_##handle) ? 1 : -1];      \
+    PANDIS__INLINE pandis__##handle *pandis__##handle##_of(pandis_##handle *h) {                   \
+        return (pandis__##handle *)(void *)h;                                                      \
+    }                                                                                              \
+    PANDIS__INLINE const pandis__##handle *pandis__##handle##_in(const pandis_##handle *h) {       \
+        return (const pandis__##handle *)(const void *)h;                                          \
     }
 PANDIS__STATE(contact)
 PANDIS__STATE(scene)
@@ -892,16 +987,20 @@ PANDIS__STATE(handover)
 
 PANDIS_API const char *pandis_version(void) { return PANDIS_VERSION; }
 
-PANDIS__ONCE PANDIS_API pandis_error pandis__check(const char *version, size_t field, size_t options, size_t touch) {
-    int same = strlen(version) == sizeof PANDIS_VERSION - 1 && !memcmp(version, PANDIS_VERSION, sizeof PANDIS_VERSION - 1);
-    same = same && field == sizeof(pandis_field) && options == sizeof(pandis_contact_options) && touch == sizeof(pandis_touch);
+PANDIS__ONCE PANDIS_API pandis_error pandis__check(
+    const char *version, size_t field, size_t options, size_t touch) {
+    int same = strlen(version) == sizeof PANDIS_VERSION - 1 &&
+        !memcmp(version, PANDIS_VERSION, sizeof PANDIS_VERSION - 1);
+    same = same && field == sizeof(pandis_field) && options == sizeof(pandis_contact_options) &&
+        touch == sizeof(pandis_touch);
     return same ? PANDIS_SUCCESS : PANDIS_ERROR_HEADER;
 }
 
-/* ---------------------------------------------------------------- vectors
+/* -------------------- vectors
  *
- * Sums run in lanes. These are vector types if the compiler has them, since it would not keep lanes in registers by
- * itself; otherwise a vector is one number. The order of additions is the same for every width. */
+ * Sums run in lanes. These are vector types if the compiler has them, since it would not keep lanes
+ * in registers by itself; otherwise a vector is one number. The order of additions is the same for
+ * every width. */
 #if (defined(__clang__) || (defined(__GNUC__) && __GNUC__ >= 9)) && !defined(PANDIS_NO_VECTORS)
 #if defined(__AVX512F__)
 #define PANDIS__VECTOR 16
@@ -911,8 +1010,10 @@ PANDIS__ONCE PANDIS_API pandis_error pandis__check(const char *version, size_t f
 #define PANDIS__VECTOR 4
 #endif
 typedef float pandis__vector __attribute__((vector_size(4 * PANDIS__VECTOR)));
-typedef float pandis__floats __attribute__((vector_size(4 * PANDIS__VECTOR), aligned(4), may_alias));
-typedef int16_t pandis__shorts __attribute__((vector_size(2 * PANDIS__VECTOR), aligned(2), may_alias));
+typedef float pandis__floats
+    __attribute__((vector_size(4 * PANDIS__VECTOR), aligned(4), may_alias));
+typedef int16_t pandis__shorts
+    __attribute__((vector_size(2 * PANDIS__VECTOR), aligned(2), may_alias));
 typedef int32_t pandis__ints __attribute__((vector_size(4 * PANDIS__VECTOR)));
 /* macros, because the ABI determines how a function returns a vector */
 #define pandis__load(p) (*(const pandis__floats *)(p))
@@ -923,9 +1024,11 @@ typedef float pandis__vector;
 #define pandis__load(p) (*(p))
 #define pandis__load16(p) ((float)*(p))
 #endif
-#if PANDIS__VECTOR == 8 && defined(__x86_64__) && defined(__GNUC__) && !defined(__clang__) /* clang does this by itself */
-#define pandis__load16_wide(p) \
-    __builtin_convertvector((pandis__ints)__builtin_ia32_pmovsxwd256(*(const pandis__shorts *)(p)), pandis__vector)
+/* clang does this by itself */
+#if PANDIS__VECTOR == 8 && defined(__x86_64__) && defined(__GNUC__) && !defined(__clang__)
+#define pandis__load16_wide(p)                                                                     \
+    __builtin_convertvector(                                                                       \
+        (pandis__ints)__builtin_ia32_pmovsxwd256(*(const pandis__shorts *)(p)), pandis__vector)
 #ifdef __AVX2__
 #undef pandis__load16
 #define pandis__load16 pandis__load16_wide
@@ -934,17 +1037,20 @@ typedef float pandis__vector;
 #define pandis__load16_wide pandis__load16
 #if PANDIS__VECTOR == 16 && !defined(__clang__)
 #undef pandis__load16
-#define pandis__load16(p)                                                                                       \
-    __builtin_convertvector(                                                                                    \
-        (pandis__ints)__builtin_ia32_pmovsxwd512_mask(*(const pandis__shorts *)(p),                             \
-                                                      __extension__(pandis__ints){0}, 0xffff), pandis__vector)
+#define pandis__load16(p)                                                                          \
+    __builtin_convertvector(                                                                       \
+        (pandis__ints)__builtin_ia32_pmovsxwd512_mask(                                             \
+            *(const pandis__shorts *)(p), __extension__(pandis__ints){0}, 0xffff),                 \
+        pandis__vector)
 #endif
 #endif
 #define PANDIS__PARTS (PANDIS__LANES / PANDIS__VECTOR)
 
-/* Hot functions are compiled twice if the program is for any x86-64 machine: as `name_plain`, and as `name_wide` for
- * AVX2, which is used where the machine has it. Windows does not align the stack for such vectors. */
-#if PANDIS__VECTOR == 8 && defined(__x86_64__) && !defined(__AVX2__) && !defined(_WIN32) && !defined(PANDIS_NO_DISPATCH)
+/* Hot functions are compiled twice if the program is for any x86-64 machine: as `name_plain`, and
+ * as `name_wide` for AVX2, which is used where the machine has it. Windows does not align the stack
+ * for such vectors. */
+#if PANDIS__VECTOR == 8 && defined(__x86_64__) && !defined(__AVX2__) && !defined(_WIN32) &&        \
+    !defined(PANDIS_NO_DISPATCH)
 #define PANDIS__WIDE __attribute__((target("avx2")))
 #define PANDIS__TWICE(plain, wide) plain wide
 #define PANDIS__CHOOSE(name) (__builtin_cpu_supports("avx2") ? name##_wide : name##_plain)
@@ -955,19 +1061,21 @@ typedef float pandis__vector;
 #endif
 
 /* Define a function with its own stack frame from `name_body`. */
-#define PANDIS__COMPILE(name, parameters, arguments)                                            \
-    PANDIS__TWICE(PANDIS__APART static void name##_plain parameters { name##_body arguments; }, \
-                  PANDIS__WIDE PANDIS__APART static void name##_wide parameters { name##_body arguments; }) \
+#define PANDIS__COMPILE(name, parameters, arguments)                                               \
+    PANDIS__TWICE(                                                                                 \
+        PANDIS__APART static void name##_plain parameters { name##_body arguments; },              \
+        PANDIS__WIDE PANDIS__APART static void name##_wide parameters { name##_body arguments; })  \
     static void name parameters { PANDIS__CHOOSE(name) arguments; }
-/* ---------------------------------------------------------------- sines */
+/* -------------------- sines */
 
 /* pi / 2 in three parts, the first two of few bits, so that integer multiples of them are exact. */
 #define PANDIS__PART1 1.5703125f
 #define PANDIS__PART2 4.837512969970703125e-4f
 #define PANDIS__PART3 7.549789954891e-8f
 
-/* Compute sine and cosine within 1.2e-7 for |x| up to 1e4. Beyond, where no trained network goes, results are those of 0;
- * they are NaN if x is not finite. Minimax polynomials on [-pi/4, pi/4] (Cephes, Moshier). No branch, so that it vectorises. */
+/* Compute sine and cosine within 1.2e-7 for |x| up to 1e4. Beyond, where no trained network goes,
+ * results are those of 0; they are NaN if x is not finite. Minimax polynomials on [-pi/4, pi/4]
+ * (Cephes, Moshier). No branch, so that it vectorises. */
 PANDIS__INLINE void pandis__sine_cosine(float x, float *sine, float *cosine) {
     const float whole = 12582912.0f; /* adding 1.5 * 2^23 rounds to the nearest whole number */
     float none = x - x;              /* 0, or NaN if x is not finite */
@@ -975,16 +1083,17 @@ PANDIS__INLINE void pandis__sine_cosine(float x, float *sine, float *cosine) {
     float k = (x * 0.636619772367581343f + whole) - whole;
     float r = ((x - k * PANDIS__PART1) - k * PANDIS__PART2) - k * PANDIS__PART3, q = r * r;
     float s = ((-1.9515295891e-4f * q + 8.3321608736e-3f) * q - 1.6666654611e-1f) * q * r + r;
-    float c = ((2.443315711809948e-5f * q - 1.388731625493765e-3f) * q + 4.166664568298827e-2f) * q * q - 0.5f * q +
-              1.0f;
+    float c =
+        ((2.443315711809948e-5f * q - 1.388731625493765e-3f) * q + 4.166664568298827e-2f) * q * q -
+        0.5f * q + 1.0f;
     int32_t quarter = (int32_t)k;
     float a = quarter & 1 ? c : s, b = quarter & 1 ? s : c;
     *sine = (quarter & 2 ? -a : a) + none;
     *cosine = ((quarter + 1) & 2 ? -b : b) + none;
 }
 
-/* Check the arithmetic that this code relies on: sums are rounded in the order in which they are written, and NaN stays
- * NaN. Some options of -ffast-math break this and define no macro. */
+/* Check the arithmetic that this code relies on: sums are rounded in the order in which they are
+ * written, and NaN stays NaN. Some options of -ffast-math break this and define no macro. */
 PANDIS__ONCE static int pandis__arithmetic(void) {
     /* sines and cosines of 3 and of -100, from a loop like that of network layers */
     static const float wanted[4] = {0.141120008f, -0.989992497f, 0.506365641f, 0.862318872f};
@@ -1005,10 +1114,10 @@ PANDIS__ONCE static int pandis__arithmetic(void) {
     double big = sum - large, nan = (double)sine[15];
     return good & (big == 0) & (nan != nan);
 }
+/* -------------------- B-splines */
 
-/* ---------------------------------------------------------------- B-splines */
-
-/* Cubic B-spline weights of the four nodes around t in [0, 1), and their derivatives with respect to t. */
+/* Cubic B-spline weights of the four nodes around t in [0, 1), and their derivatives with respect
+ * to t. */
 PANDIS__INLINE void pandis__weigh(double t, double *w, double *dw) {
     double s = 1 - t;
     w[0] = s * s * s / 6, w[3] = t * t * t / 6;
@@ -1017,9 +1126,10 @@ PANDIS__INLINE void pandis__weigh(double t, double *w, double *dw) {
     dw[1] = t * (3 * t - 4) / 2, dw[2] = -s * (3 * s - 4) / 2;
 }
 
-/* Find the cell of a point and the weights of its 4 x 4 x 4 nodes; returns 0 outside the lattice. */
-PANDIS__INLINE int pandis__place(int32_t size, double low, double per_step, const double *p, int *first, double (*w)[4],
-                                 double (*dw)[4]) {
+/* Find the cell of a point and the weights of its 4 x 4 x 4 nodes; returns 0 outside the lattice.
+ */
+PANDIS__INLINE int pandis__place(int32_t size, double low, double per_step, const double *p,
+    int *first, double (*w)[4], double (*dw)[4]) {
     for (int k = 0; k < 3; k++) {
         double x = (p[k] - low) * per_step, cell = floor(x);
         if (!(cell >= 1 && cell <= size - 3)) return 0; /* NaN too */
@@ -1030,7 +1140,8 @@ PANDIS__INLINE int pandis__place(int32_t size, double low, double per_step, cons
     return 1;
 }
 
-/* Four numbers at once, if the compiler has vectors; each result is the same as if computed alone. */
+/* Four numbers at once, if the compiler has vectors; each result is the same as if computed alone.
+ */
 #if defined(PANDIS__VECTOR) && PANDIS__VECTOR > 1
 typedef double pandis__four __attribute__((vector_size(32)));
 typedef float pandis__four_floats __attribute__((vector_size(16), aligned(4), may_alias));
@@ -1038,7 +1149,8 @@ typedef float pandis__four_floats __attribute__((vector_size(16), aligned(4), ma
 #endif
 
 /* Add value and gradient of the spline that has these 64 coefficients around a point. */
-PANDIS__INLINE void pandis__tensor(const float *c, double (*w)[4], double (*dw)[4], double *value, double *gradient) {
+PANDIS__INLINE void pandis__tensor(
+    const float *c, double (*w)[4], double (*dw)[4], double *value, double *gradient) {
 #ifdef PANDIS__FOUR_AT_ONCE
     pandis__four f = {0, 0, 0, 0}, gx = f, gy = f;
 #else
@@ -1049,7 +1161,8 @@ PANDIS__INLINE void pandis__tensor(const float *c, double (*w)[4], double (*dw)[
             double a = w[0][x] * w[1][y], b = dw[0][x] * w[1][y], d = w[0][x] * dw[1][y];
             const float *row = c + 16 * x + 4 * y;
 #ifdef PANDIS__FOUR_AT_ONCE
-            pandis__four r = __builtin_convertvector(*(const pandis__four_floats *)row, pandis__four);
+            pandis__four r =
+                __builtin_convertvector(*(const pandis__four_floats *)row, pandis__four);
             f += a * r, gx += b * r, gy += d * r;
 #else
             for (int z = 0; z < 4; z++) {
@@ -1060,7 +1173,8 @@ PANDIS__INLINE void pandis__tensor(const float *c, double (*w)[4], double (*dw)[
         }
     for (int z = 0; z < 4; z++) {
         *value += f[z] * w[2][z];
-        gradient[0] += gx[z] * w[2][z], gradient[1] += gy[z] * w[2][z], gradient[2] += f[z] * dw[2][z];
+        gradient[0] += gx[z] * w[2][z], gradient[1] += gy[z] * w[2][z],
+            gradient[2] += f[z] * dw[2][z];
     }
 }
 
@@ -1069,16 +1183,21 @@ static void pandis__gather(const float *values, int32_t size, const int *first, 
     for (int x = 0; x < 4; x++)
         for (int y = 0; y < 4; y++)
             memcpy(c + 16 * x + 4 * y,
-                   values + ((ptrdiff_t)(first[0] + x) * size + first[1] + y) * size + first[2], 4 * sizeof *c);
+                values + ((ptrdiff_t)(first[0] + x) * size + first[1] + y) * size + first[2],
+                4 * sizeof *c);
 }
 
 /* Compute value and gradient at a point of the box, from a lattice that covers it. */
-static void pandis__cubic(const pandis__lattice *l, const double *u, double *value, double *gradient) {
+static void pandis__cubic(
+    const pandis__lattice *l, const double *u, double *value, double *gradient) {
     double within[3], w[3][4], dw[3][4];
     float c[64];
     int first[3];
     *value = gradient[0] = gradient[1] = gradient[2] = 0;
-    for (int k = 0; k < 3; k++) within[k] = u[k] < -PANDIS__EDGE ? -PANDIS__EDGE : u[k] > PANDIS__EDGE ? PANDIS__EDGE : u[k];
+    for (int k = 0; k < 3; k++)
+        within[k] = u[k] < -PANDIS__EDGE ? -PANDIS__EDGE
+            : u[k] > PANDIS__EDGE        ? PANDIS__EDGE
+                                         : u[k];
     if (!pandis__place(l->size, l->low, l->per_step, within, first, w, dw)) return;
     pandis__gather(l->values, l->size, first, c);
     pandis__tensor(c, w, dw, value, gradient);
@@ -1108,10 +1227,10 @@ PANDIS__INLINE int32_t pandis__block(const pandis__layout *l, int bx, int by, in
     return pandis__block_of(l, brick, ((bx & 3) << 4) | ((by & 3) << 2) | (bz & 3));
 }
 
-/* ---------------------------------------------------------------- eight boxes or triangles at once, in single precision
+/* -------------------- eight boxes or triangles at once, in single precision
  *
- * Squared distances are sorted as integers, their keys: non-negative floats sort like integers with the same bits. The
- * last three bits are the index of the box. */
+ * Squared distances are sorted as integers, their keys: non-negative floats sort like integers with
+ * the same bits. The last three bits are the index of the box. */
 
 PANDIS__INLINE int32_t pandis__least(const int32_t *keys) {
     int32_t least = keys[0];
@@ -1137,7 +1256,8 @@ typedef struct {
 } pandis__waiting;
 
 static void pandis__wait(pandis__waiting *heap, int at, pandis__waiting one) {
-    for (; at > 0 && heap[(at - 1) / 2].key > one.key; at = (at - 1) / 2) heap[at] = heap[(at - 1) / 2];
+    for (; at > 0 && heap[(at - 1) / 2].key > one.key; at = (at - 1) / 2)
+        heap[at] = heap[(at - 1) / 2];
     heap[at] = one;
 }
 
@@ -1153,8 +1273,10 @@ static pandis__waiting pandis__next(pandis__waiting *heap, int count) {
     return first;
 }
 
-/* Queue a box. If the queue is full, drop the farther of this box and the last one, and return 1 and its key. */
-static int pandis__wait_or_drop(pandis__waiting *heap, int *count, int32_t key, int32_t child, int32_t *out) {
+/* Queue a box. If the queue is full, drop the farther of this box and the last one, and return 1
+ * and its key. */
+static int pandis__wait_or_drop(
+    pandis__waiting *heap, int *count, int32_t key, int32_t child, int32_t *out) {
     pandis__waiting one = {key, child};
     if (*count < PANDIS__HEAP) {
         pandis__wait(heap, (*count)++, one);
@@ -1171,14 +1293,17 @@ PANDIS__INLINE float pandis__clamp01f(float t) {
     return t < 1 ? t : 1;
 }
 
-/* Squared distances from a point to eight triangles, given as (3 corners, 3 axes, 8): each is that of some point
- * of the triangle, and so too small only by rounding. pandis__slacks bounds how much too large it can be. */
-PANDIS__INLINE void pandis__eight_distances(float (*v)[3][PANDIS__WIDTH], const float *PANDIS__RESTRICT q,
-                                    float *PANDIS__RESTRICT out) {
+/* Squared distances from a point to eight triangles, given as (3 corners, 3 axes, 8): each is that
+ * of some point of the triangle, and so too small only by rounding. pandis__slacks bounds how much
+ * too large it can be. */
+PANDIS__INLINE void pandis__eight_distances(
+    float (*v)[3][PANDIS__WIDTH], const float *PANDIS__RESTRICT q, float *PANDIS__RESTRICT out) {
     for (int i = 0; i < PANDIS__WIDTH; i++) {
         float x = q[0] - v[0][0][i], y = q[1] - v[0][1][i], z = q[2] - v[0][2][i];
-        float ux = v[1][0][i] - v[0][0][i], uy = v[1][1][i] - v[0][1][i], uz = v[1][2][i] - v[0][2][i];
-        float vx = v[2][0][i] - v[0][0][i], vy = v[2][1][i] - v[0][1][i], vz = v[2][2][i] - v[0][2][i];
+        float ux = v[1][0][i] - v[0][0][i], uy = v[1][1][i] - v[0][1][i],
+              uz = v[1][2][i] - v[0][2][i];
+        float vx = v[2][0][i] - v[0][0][i], vy = v[2][1][i] - v[0][1][i],
+              vz = v[2][2][i] - v[0][2][i];
         float wx = vx - ux, wy = vy - uy, wz = vz - uz;
         float s = pandis__clamp01f((ux * x + uy * y + uz * z) / (ux * ux + uy * uy + uz * uz));
         float rx = x - s * ux, ry = y - s * uy, rz = z - s * uz;
@@ -1203,22 +1328,28 @@ PANDIS__INLINE void pandis__eight_distances(float (*v)[3][PANDIS__WIDTH], const 
     }
 }
 
-/* How much too large the distance d to any of eight triangles can be in single precision, besides rounding of the point:
- * at most slack[0] + slack[1] * d. With B = 1 / the sine of the angle at the first corner and the unit
- * roundoff e, the foot inside a triangle is off by less than e (32 B (d + longest side) + 8 B^2 d). If a triangle is so
- * narrow that half its smallest height is less, that is the bound: an edge is as near. */
+/* How much too large the distance d to any of eight triangles can be in single precision, besides
+ * rounding of the point: at most slack[0] + slack[1] * d. With B = 1 / the sine of the angle at the
+ * first corner and the unit roundoff e, the foot inside a triangle is off by less than e (32 B (d +
+ * longest side) + 8 B^2 d). If a triangle is so narrow that half its smallest height is less, that
+ * is the bound: an edge is as near. */
 static void pandis__slacks(float (*v)[3][PANDIS__WIDTH], float *slack) {
     const float e = 6e-8f;
     float off[PANDIS__WIDTH], share[PANDIS__WIDTH];
     for (int i = 0; i < PANDIS__WIDTH; i++) {
-        float ux = v[1][0][i] - v[0][0][i], uy = v[1][1][i] - v[0][1][i], uz = v[1][2][i] - v[0][2][i];
-        float vx = v[2][0][i] - v[0][0][i], vy = v[2][1][i] - v[0][1][i], vz = v[2][2][i] - v[0][2][i];
+        float ux = v[1][0][i] - v[0][0][i], uy = v[1][1][i] - v[0][1][i],
+              uz = v[1][2][i] - v[0][2][i];
+        float vx = v[2][0][i] - v[0][0][i], vy = v[2][1][i] - v[0][1][i],
+              vz = v[2][2][i] - v[0][2][i];
         float wx = vx - ux, wy = vy - uy, wz = vz - uz;
-        float uu = ux * ux + uy * uy + uz * uz, vv = vx * vx + vy * vy + vz * vz, ww = wx * wx + wy * wy + wz * wz;
+        float uu = ux * ux + uy * uy + uz * uz, vv = vx * vx + vy * vy + vz * vz,
+              ww = wx * wx + wy * wy + wz * wz;
         float nx = uy * vz - uz * vy, ny = uz * vx - ux * vz, nz = ux * vy - uy * vx;
         float twice = sqrtf(nx * nx + ny * ny + nz * nz), most = uu > vv ? uu : vv;
-        float longest = sqrtf(ww > most ? ww : most), half = longest > 0 ? twice / (2 * longest) : 0;
-        float sine = sqrtf(uu) * sqrtf(vv) / (twice > 0 ? twice : 1e-30f), more = e * (32 * sine + 8 * sine * sine);
+        float longest = sqrtf(ww > most ? ww : most),
+              half = longest > 0 ? twice / (2 * longest) : 0;
+        float sine = sqrtf(uu) * sqrtf(vv) / (twice > 0 ? twice : 1e-30f),
+              more = e * (32 * sine + 8 * sine * sine);
         float less = e * 32 * sine * longest;
         int wide = less + more * longest < half; /* false after an overflow */
         /* plus the error on edges, and of a height that has lost its digits */
@@ -1231,21 +1362,26 @@ static void pandis__slacks(float (*v)[3][PANDIS__WIDTH], float *slack) {
     }
 }
 
-/* Whether a segment from a point meets a triangle (-1: from inside, 1: from outside), and at which share of it. */
+/* Whether a segment from a point meets a triangle (-1: from inside, 1: from outside), and at which
+ * share of it. */
 static int pandis__meets(const double *const *c, const double *p, const double *way, double *at) {
     double u[3], v[3], x[3], across[3], turned[3];
-    for (int k = 0; k < 3; k++) u[k] = c[1][k] - c[0][k], v[k] = c[2][k] - c[0][k], x[k] = p[k] - c[0][k];
+    for (int k = 0; k < 3; k++)
+        u[k] = c[1][k] - c[0][k], v[k] = c[2][k] - c[0][k], x[k] = p[k] - c[0][k];
     pandis__cross(way, v, across), pandis__cross(x, u, turned);
-    double det = pandis__dot(u, across), r = pandis__dot(x, across) / det, s = pandis__dot(way, turned) / det;
+    double det = pandis__dot(u, across), r = pandis__dot(x, across) / det,
+           s = pandis__dot(way, turned) / det;
     *at = pandis__dot(v, turned) / det;
     if (!(r >= 0 && s >= 0 && r + s <= 1 && *at >= 0)) return 0; /* not if det is 0 */
     return det < 0 ? -1 : 1;
 }
-/* ---------------------------------------------------------------- closest points of a mesh */
+/* -------------------- closest points of a mesh */
 
-/* Input of a search (unit frame): how far to look, and a guess of the distance to the nearest face, which may be wrong.
- * Output: the closest point, its face in mesh.zarr.zip (-1: unknown), the place of that face in the field's own order
- * (-1: none), whether the point lies on a corner or an edge, and the direction of that edge (else 0). */
+/* Input of a search (unit frame): how far to look, and a guess of the distance to the nearest face,
+ * which may be wrong. Output: the closest point, its face in mesh.zarr.zip (-1: unknown), the place
+ * of that face in the field's own order
+ * (-1: none), whether the point lies on a corner or an edge, and the direction of that edge (else
+ * 0). */
 typedef struct {
     double reach, guess, closest[3];
     int32_t face, place, round;
@@ -1257,14 +1393,16 @@ typedef struct {
 
 typedef struct {
     double weights[3], offset[3], distance; /* offset: from the closest point to the query */
-    int corner, edge;                       /* where it lies: a corner, an edge (k to k + 1), or -1, -1 */
+    /* where it lies: a corner, an edge (k to k + 1), or -1, -1 */
+    int corner, edge;
 } pandis__foot;
 
 static const double *pandis__corner(const pandis__mesh *t, int32_t face, int k) {
     return t->vertices + 3 * (ptrdiff_t)t->faces[3 * (ptrdiff_t)face + k];
 }
 
-/* Compute the unit normal of a face from its two shortest edges, whose cross product is the most accurate. */
+/* Compute the unit normal of a face from its two shortest edges, whose cross product is the most
+ * accurate. */
 static int pandis__face_normal(const pandis__mesh *t, int32_t face, double *n) {
     double side[3][3], length[3];
     for (int k = 0; k < 3; k++) {
@@ -1272,7 +1410,8 @@ static int pandis__face_normal(const pandis__mesh *t, int32_t face, double *n) {
         for (int i = 0; i < 3; i++) side[k][i] = q[i] - p[i];
         length[k] = pandis__dot(side[k], side[k]);
     }
-    int longest = length[0] >= length[1] ? (length[0] >= length[2] ? 0 : 2) : (length[1] >= length[2] ? 1 : 2);
+    int longest = length[0] >= length[1] ? (length[0] >= length[2] ? 0 : 2)
+                                         : (length[1] >= length[2] ? 1 : 2);
     pandis__cross(side[(longest + 1) % 3], side[(longest + 2) % 3], n);
     return pandis__normalise(n);
 }
@@ -1282,17 +1421,20 @@ static double pandis__clamp01(double t) {
     return t < 1 ? t : 1;
 }
 
-static void pandis__edge_foot(const double *p, const double *a, const double *b, double *s, double *offset,
-                              double *squared) {
+static void pandis__edge_foot(
+    const double *p, const double *a, const double *b, double *s, double *offset, double *squared) {
     double u[3], x[3];
     for (int k = 0; k < 3; k++) u[k] = b[k] - a[k], x[k] = p[k] - a[k];
-    double length = pandis__dot(u, u), t = length > 0 ? pandis__clamp01(pandis__dot(u, x) / length) : 0;
+    double length = pandis__dot(u, u),
+           t = length > 0 ? pandis__clamp01(pandis__dot(u, x) / length) : 0;
     /* from the nearer end, for less cancellation */
-    for (int k = 0; k < 3; k++) offset[k] = t <= 0.5 ? x[k] - t * u[k] : (p[k] - b[k]) + (1 - t) * u[k];
+    for (int k = 0; k < 3; k++)
+        offset[k] = t <= 0.5 ? x[k] - t * u[k] : (p[k] - b[k]) + (1 - t) * u[k];
     *s = t, *squared = pandis__dot(offset, offset);
 }
 
-/* Find the closest point on a triangle's edges, and its corner or edge. Returns the squared distance. */
+/* Find the closest point on a triangle's edges, and its corner or edge. Returns the squared
+ * distance. */
 static double pandis__rim_foot(const double *const *c, const double *p, pandis__foot *foot) {
     double best = (double)INFINITY;
     memset(foot, 0, sizeof *foot);
@@ -1310,14 +1452,18 @@ static double pandis__rim_foot(const double *const *c, const double *p, pandis__
     return best;
 }
 
-/* Find the closest point inside the triangle; returns whether there is one no farther than `best` (squared). */
-static int pandis__inner_foot(const double *const *c, const double *p, double best, pandis__foot *foot) {
+/* Find the closest point inside the triangle; returns whether there is one no farther than `best`
+ * (squared). */
+static int pandis__inner_foot(
+    const double *const *c, const double *p, double best, pandis__foot *foot) {
     double u[3], v[3], x[3], n[3];
-    for (int k = 0; k < 3; k++) u[k] = c[1][k] - c[0][k], v[k] = c[2][k] - c[0][k], x[k] = p[k] - c[0][k];
+    for (int k = 0; k < 3; k++)
+        u[k] = c[1][k] - c[0][k], v[k] = c[2][k] - c[0][k], x[k] = p[k] - c[0][k];
     pandis__cross(u, v, n);
     double det = pandis__dot(n, n);
     if (!(det > 0)) return 0;
-    double uu = pandis__dot(u, u), uv = pandis__dot(u, v), vv = pandis__dot(v, v), s = 0, r = 0, rest[3];
+    double uu = pandis__dot(u, u), uv = pandis__dot(u, v), vv = pandis__dot(v, v), s = 0, r = 0,
+           rest[3];
     memcpy(rest, x, sizeof rest);
     for (int round = 0; round < 2; round++) { /* the second round refines the result on needles */
         double du = pandis__dot(u, rest), dv = pandis__dot(v, rest);
@@ -1341,21 +1487,24 @@ static void pandis__find_foot(const double *const *c, const double *p, pandis__f
 }
 
 /* Store the feature that contains the closest point. */
-static void pandis__keep_feature(const double *const *c, const pandis__foot *foot, pandis__start *begin) {
+static void pandis__keep_feature(
+    const double *const *c, const pandis__foot *foot, pandis__start *begin) {
     begin->round = foot->corner >= 0 || foot->edge >= 0;
     if (foot->edge < 0) return;
     for (int k = 0; k < 3; k++) begin->along[k] = c[(foot->edge + 1) % 3][k] - c[foot->edge][k];
     (void)pandis__normalise(begin->along);
 }
 
-static void pandis__find_mesh_foot(const pandis__mesh *t, int32_t face, const double *p, pandis__foot *foot) {
+static void pandis__find_mesh_foot(
+    const pandis__mesh *t, int32_t face, const double *p, pandis__foot *foot) {
     const double *c[3];
     for (int k = 0; k < 3; k++) c[k] = pandis__corner(t, face, k);
     pandis__find_foot(c, p, foot);
 }
 
 /* Add a face's normal to that of its k-th corner, weighted by its angle there. */
-static void pandis__corner_normal(const pandis__mesh *t, int32_t face, int k, const double *n, double *sum) {
+static void pandis__corner_normal(
+    const pandis__mesh *t, int32_t face, int k, const double *n, double *sum) {
     const double *p = pandis__corner(t, face, k), *q = pandis__corner(t, face, (k + 1) % 3);
     const double *s = pandis__corner(t, face, (k + 2) % 3);
     double u[3], v[3], c[3];
@@ -1380,8 +1529,10 @@ static void pandis__vertex_normal(const pandis__mesh *t, int32_t vertex, double 
     (void)pandis__normalise(n);
 }
 
-/* Compute the angle-weighted pseudonormal, of unit length, of the feature that contains the closest point. */
-static void pandis__pseudonormal(const pandis__mesh *t, int32_t face, const pandis__foot *foot, double *n) {
+/* Compute the angle-weighted pseudonormal, of unit length, of the feature that contains the closest
+ * point. */
+static void pandis__pseudonormal(
+    const pandis__mesh *t, int32_t face, const pandis__foot *foot, double *n) {
     if (foot->corner >= 0) {
         pandis__vertex_normal(t, t->faces[3 * (ptrdiff_t)face + foot->corner], n);
         if (pandis__dot(n, n) > 0) return;
@@ -1396,23 +1547,26 @@ static void pandis__pseudonormal(const pandis__mesh *t, int32_t face, const pand
     if (!known) n[0] = n[1] = 0, n[2] = 1;
 }
 
-/* Whether no coordinate of a point exceeds the largest of the vertices. Beyond, the point is outside: very far
- * away all triangles are equally near, and their normals do not determine the side. */
+/* Whether no coordinate of a point exceeds the largest of the vertices. Beyond, the point is
+ * outside: very far away all triangles are equally near, and their normals do not determine the
+ * side. */
 static int pandis__within(const pandis__mesh *t, const double *p) {
     return fabs(p[0]) <= t->reach && fabs(p[1]) <= t->reach && fabs(p[2]) <= t->reach;
 }
 
-static double pandis__sign(const pandis__mesh *t, const double *p, const pandis__foot *foot, const double *n) {
+static double pandis__sign(
+    const pandis__mesh *t, const double *p, const pandis__foot *foot, const double *n) {
     return pandis__within(t, p) && pandis__dot(foot->offset, n) < 0 ? -1 : 1;
 }
 
-/* ---------------------------------------------------------------- the nearest face of a mesh
+/* -------------------- the nearest face of a mesh
  *
- * Candidates for the nearest face are found in single precision, by leaves; double precision decides. */
+ * Candidates for the nearest face are found in single precision, by leaves; double precision
+ * decides. */
 
 /* The keys of a node's boxes: lower bounds of the squared distances to their contents. */
-PANDIS__INLINE void pandis__box_keys(const pandis__node *PANDIS__RESTRICT n, const float *PANDIS__RESTRICT p,
-                             int32_t *PANDIS__RESTRICT keys) {
+PANDIS__INLINE void pandis__box_keys(const pandis__node *PANDIS__RESTRICT n,
+    const float *PANDIS__RESTRICT p, int32_t *PANDIS__RESTRICT keys) {
     float out[PANDIS__WIDTH];
     for (int i = 0; i < PANDIS__WIDTH; i++) {
         float sum = 0;
@@ -1425,7 +1579,8 @@ PANDIS__INLINE void pandis__box_keys(const pandis__node *PANDIS__RESTRICT n, con
         out[i] = sum * 0.99999f; /* more than the rounding of all of the above */
     }
     memcpy(keys, out, sizeof out);
-    for (int i = 0; i < PANDIS__WIDTH; i++) keys[i] = n->low[0][i] > n->high[0][i] ? INT32_MAX : (keys[i] & ~7) | i;
+    for (int i = 0; i < PANDIS__WIDTH; i++)
+        keys[i] = n->low[0][i] > n->high[0][i] ? INT32_MAX : (keys[i] & ~7) | i;
 }
 
 /* The key of a search limit: boxes with larger keys are farther. */
@@ -1436,10 +1591,10 @@ static int32_t pandis__limit_key(double limit) {
 
 #define PANDIS__FOUR 4
 
-/* Compute the squared distances to four faces in double precision. Among faces that are about equally near, the smallest
- * of these numbers decides. */
-PANDIS__INLINE void pandis__four_squared(const pandis__mesh *t, const int32_t *faces, const double *PANDIS__RESTRICT p,
-                                 double *PANDIS__RESTRICT out) {
+/* Compute the squared distances to four faces in double precision. Among faces that are about
+ * equally near, the smallest of these numbers decides. */
+PANDIS__INLINE void pandis__four_squared(const pandis__mesh *t, const int32_t *faces,
+    const double *PANDIS__RESTRICT p, double *PANDIS__RESTRICT out) {
     double a[3][PANDIS__FOUR], b[3][PANDIS__FOUR], c[3][PANDIS__FOUR];
     for (int i = 0; i < PANDIS__FOUR; i++)
         for (int k = 0; k < 3; k++) {
@@ -1452,12 +1607,15 @@ PANDIS__INLINE void pandis__four_squared(const pandis__mesh *t, const int32_t *f
         double ux = b[0][i] - a[0][i], uy = b[1][i] - a[1][i], uz = b[2][i] - a[2][i];
         double vx = c[0][i] - a[0][i], vy = c[1][i] - a[1][i], vz = c[2][i] - a[2][i];
         double sx = c[0][i] - b[0][i], sy = c[1][i] - b[1][i], sz = c[2][i] - b[2][i];
-        double uu = ux * ux + uy * uy + uz * uz, vv = vx * vx + vy * vy + vz * vz, ss = sx * sx + sy * sy + sz * sz;
-        double uv = ux * vx + uy * vy + uz * vz, du = ux * x + uy * y + uz * z, dv = vx * x + vy * y + vz * z;
+        double uu = ux * ux + uy * uy + uz * uz, vv = vx * vx + vy * vy + vz * vz,
+               ss = sx * sx + sy * sy + sz * sz;
+        double uv = ux * vx + uy * vy + uz * vz, du = ux * x + uy * y + uz * z,
+               dv = vx * x + vy * y + vz * z;
         double wx = vx - ux, wy = vy - uy, wz = vz - uz, bx = x - ux, by = y - uy, bz = z - uz;
         double nx = uy * vz - uz * vy, ny = uz * vx - ux * vz, nz = ux * vy - uy * vx;
         double det = nx * nx + ny * ny + nz * nz;
-        /* an edge without length gives 0 / 0 = NaN, which counts as 0; with a face without area, the foot counts as outside */
+        /* an edge without length gives 0 / 0 = NaN, which counts as 0; with a face without area,
+         * the foot counts as outside */
         double s = pandis__clamp01(du * (1 / uu)), r = pandis__clamp01(dv * (1 / vv));
         double rx = x - s * ux, ry = y - s * uy, rz = z - s * uz;
         double best = rx * rx + ry * ry + rz * rz;
@@ -1479,9 +1637,10 @@ PANDIS__INLINE void pandis__four_squared(const pandis__mesh *t, const int32_t *f
 
 #define PANDIS__MAYBE 12 /* capacity of the queue of faces for double precision */
 
-/* State of a search for the nearest face: an upper bound of its distance; the nearest face computed in double precision,
- * and its squared distance; how many nodes, leaves and faces may still be visited; the key of the nearest box that was
- * not; and the waiting faces, with their squared distances in single precision. */
+/* State of a search for the nearest face: an upper bound of its distance; the nearest face computed
+ * in double precision, and its squared distance; how many nodes, leaves and faces may still be
+ * visited; the key of the nearest box that was not; and the waiting faces, with their squared
+ * distances in single precision. */
 typedef struct {
     double limit, squared;
     int32_t face, left, unseen;
@@ -1506,12 +1665,14 @@ PANDIS__INLINE void pandis__settle(const pandis__mesh *t, const double *p, pandi
     for (int i = 0; i < s->count;) {
         int some = 0;
         for (; i < s->count && some < PANDIS__FOUR; i++)
-            if (s->maybe[i].seems <= pandis__may_seem(s->limit, s->maybe[i].slack)) faces[some++] = s->maybe[i].face;
+            if (s->maybe[i].seems <= pandis__may_seem(s->limit, s->maybe[i].slack))
+                faces[some++] = s->maybe[i].face;
         if (!some) break;
         for (int k = some; k < PANDIS__FOUR; k++) faces[k] = faces[0];
         pandis__four_squared(t, faces, p, squared);
         for (int k = 0; k < some; k++) {
-            if (!(squared[k] < s->squared || (squared[k] == s->squared && faces[k] < s->face))) continue;
+            if (!(squared[k] < s->squared || (squared[k] == s->squared && faces[k] < s->face)))
+                continue;
             s->squared = squared[k], s->face = faces[k];
             double d = sqrt(squared[k]) * (1 + 1e-12);
             s->limit = d < s->limit ? d : s->limit;
@@ -1520,14 +1681,15 @@ PANDIS__INLINE void pandis__settle(const pandis__mesh *t, const double *p, pandi
     s->count = 0;
 }
 
-/* The 24 triangle vertices of a leaf of a mesh that moves, stored after the corners on each vertex. */
+/* The 24 triangle vertices of a leaf of a mesh that moves, stored after the corners on each vertex.
+ */
 static const int32_t *pandis__leaf_vertices(const pandis__mesh *t, ptrdiff_t leaf) {
     return t->corners_at + 3 * (ptrdiff_t)t->face_count + 3 * PANDIS__WIDTH * leaf;
 }
 
 /* The triangles of a leaf whose vertices have moved, relative to a point. */
-PANDIS__APART static void pandis__moved_triangles(const pandis__mesh *t, ptrdiff_t leaf, const double *p,
-                                                  float (*out)[3][PANDIS__WIDTH]) {
+PANDIS__APART static void pandis__moved_triangles(
+    const pandis__mesh *t, ptrdiff_t leaf, const double *p, float (*out)[3][PANDIS__WIDTH]) {
     const int32_t *vertex = pandis__leaf_vertices(t, leaf);
     for (int i = 0; i < PANDIS__WIDTH; i++)
         for (int c = 0; c < 3; c++) {
@@ -1536,9 +1698,11 @@ PANDIS__APART static void pandis__moved_triangles(const pandis__mesh *t, ptrdiff
         }
 }
 
-/* Compute squared distances to the triangles of a leaf in single precision, and their error bounds. Returns the smallest.
- * If single precision cannot represent the squares, they are zeros, and -1 is returned. */
-PANDIS__INLINE double pandis__seem(const pandis__mesh *t, const pandis__leaf *leaf, const double *p, double *seems, float *slack) {
+/* Compute squared distances to the triangles of a leaf in single precision, and their error bounds.
+ * Returns the smallest. If single precision cannot represent the squares, they are zeros, and -1 is
+ * returned. */
+PANDIS__INLINE double pandis__seem(
+    const pandis__mesh *t, const pandis__leaf *leaf, const double *p, double *seems, float *slack) {
     float v[3][3][PANDIS__WIDTH], q[3] = {0, 0, 0}, d[PANDIS__WIDTH] = {0};
     double step = t->around ? 1 : (double)leaf->step, per_step = 1 / step;
     int small = 1;
@@ -1549,7 +1713,8 @@ PANDIS__INLINE double pandis__seem(const pandis__mesh *t, const pandis__leaf *le
         for (int k = 0; k < 3; k++) small &= fabs(p[k]) + t->reach < 1e15;
     } else {
         for (int c = 0; c < 9; c++)
-            for (int i = 0; i < PANDIS__WIDTH; i++) v[c / 3][c % 3][i] = (float)(int32_t)leaf->corner[c / 3][c % 3][i];
+            for (int i = 0; i < PANDIS__WIDTH; i++)
+                v[c / 3][c % 3][i] = (float)(int32_t)leaf->corner[c / 3][c % 3][i];
         for (int k = 0; k < 3; k++) {
             double at = (p[k] - (double)leaf->origin[k]) * per_step;
             q[k] = (float)at, small &= fabs(at) < 1e15;
@@ -1557,18 +1722,21 @@ PANDIS__INLINE double pandis__seem(const pandis__mesh *t, const pandis__leaf *le
     }
     if (small) pandis__eight_distances(v, q, d);
     float least = d[0];
-    for (int i = 0; i < PANDIS__WIDTH; i++) least = d[i] < least ? d[i] : least, seems[i] = (double)d[i] * (step * step);
+    for (int i = 0; i < PANDIS__WIDTH; i++)
+        least = d[i] < least ? d[i] : least, seems[i] = (double)d[i] * (step * step);
     return small ? (double)least * (step * step) : -1;
 }
 
 /* Collect the triangles of a leaf that may be nearest. */
-PANDIS__INLINE void pandis__look_into(const pandis__mesh *t, const pandis__leaf *leaf, const double *p, pandis__seeking *s) {
+PANDIS__INLINE void pandis__look_into(
+    const pandis__mesh *t, const pandis__leaf *leaf, const double *p, pandis__seeking *s) {
     double seems[PANDIS__WIDTH], farthest;
     float slack[2];
     double least = pandis__seem(t, leaf, p, seems, slack);
     s->left--;
     if (least > (farthest = pandis__may_seem(s->limit, slack))) return;
-    double most = least >= 0 ? sqrt(least) * (1 + (double)slack[1]) + (double)slack[0] : (double)INFINITY;
+    double most =
+        least >= 0 ? sqrt(least) * (1 + (double)slack[1]) + (double)slack[0] : (double)INFINITY;
     if (most < s->limit) s->limit = most, farthest = pandis__may_seem(most, slack);
     for (int i = 0; i < PANDIS__WIDTH; i++) {
         if (seems[i] > farthest || leaf->face[i] < 0) continue;
@@ -1580,7 +1748,8 @@ PANDIS__INLINE void pandis__look_into(const pandis__mesh *t, const pandis__leaf 
 }
 
 /* Descend depth-first, the nearest box first; for most points this finds the nearest face early. */
-PANDIS__INLINE void pandis__seek_depth_body(const pandis__mesh *t, const double *p, pandis__seeking *s) {
+PANDIS__INLINE void pandis__seek_depth_body(
+    const pandis__mesh *t, const double *p, pandis__seeking *s) {
     struct {
         int32_t keys[PANDIS__WIDTH], node;
     } path[PANDIS__DEEPEST], *at = path;
@@ -1590,7 +1759,8 @@ PANDIS__INLINE void pandis__seek_depth_body(const pandis__mesh *t, const double 
     pandis__box_keys(t->nodes, q, at->keys);
     for (;;) {
         int32_t key = pandis__least(at->keys), child = t->nodes[at->node].child[key & 7];
-        if (s->left < 0 && key < s->unseen) s->unseen = key; /* budget spent: the rest is at least this far away */
+        /* budget spent: the rest is at least this far away */
+        if (s->left < 0 && key < s->unseen) s->unseen = key;
         if (key > within || s->left < 0) {
             if (at == path) return;
             at--;
@@ -1608,10 +1778,12 @@ PANDIS__INLINE void pandis__seek_depth_body(const pandis__mesh *t, const double 
     }
 }
 
-PANDIS__COMPILE(pandis__seek_depth, (const pandis__mesh *t, const double *p, pandis__seeking *s), (t, p, s))
+PANDIS__COMPILE(
+    pandis__seek_depth, (const pandis__mesh *t, const double *p, pandis__seeking *s), (t, p, s))
 
 /* Search best-first, so that little is missed when the budget is spent. */
-PANDIS__INLINE void pandis__seek_best_body(const pandis__mesh *t, const double *p, pandis__seeking *s) {
+PANDIS__INLINE void pandis__seek_best_body(
+    const pandis__mesh *t, const double *p, pandis__seeking *s) {
     pandis__waiting heap[PANDIS__HEAP];
     float q[3] = {(float)p[0], (float)p[1], (float)p[2]};
     int count = 1;
@@ -1632,34 +1804,38 @@ PANDIS__INLINE void pandis__seek_best_body(const pandis__mesh *t, const double *
         pandis__box_keys(t->nodes + e.child, q, keys);
         for (int i = 0; i < PANDIS__WIDTH; i++) {
             int32_t out;
-            if (keys[i] <= within && pandis__wait_or_drop(heap, &count, keys[i], t->nodes[e.child].child[i], &out))
+            if (keys[i] <= within &&
+                pandis__wait_or_drop(heap, &count, keys[i], t->nodes[e.child].child[i], &out))
                 s->unseen = out < s->unseen ? out : s->unseen;
         }
     }
 }
 
-PANDIS__COMPILE(pandis__seek_best, (const pandis__mesh *t, const double *p, pandis__seeking *s), (t, p, s))
+PANDIS__COMPILE(
+    pandis__seek_best, (const pandis__mesh *t, const double *p, pandis__seeking *s), (t, p, s))
 
-/* Find the nearest face within `limit`, by its distance in double precision; INT32_MAX if there is none. `clear`: if the
- * search was cut short, the least distance of all other faces; else infinite. */
-static int32_t pandis__nearest(const pandis__mesh *t, const double *p, double limit, double *clear) {
+/* Find the nearest face within `limit`, by its distance in double precision; INT32_MAX if there is
+ * none. `clear`: if the search was cut short, the least distance of all other faces; else infinite.
+ */
+static int32_t pandis__nearest(
+    const pandis__mesh *t, const double *p, double limit, double *clear) {
     pandis__seeking s;
     int32_t soon = pandis__soon(t->most);
     int kept = 0;
-    s.limit = limit, s.squared = limit * limit, s.face = INT32_MAX, s.count = 0, s.left = soon, s.unseen = INT32_MAX;
+    s.limit = limit, s.squared = limit * limit, s.face = INT32_MAX, s.count = 0, s.left = soon,
+    s.unseen = INT32_MAX;
     pandis__seek_depth(t, p, &s);
     if (s.unseen <= pandis__limit_key(s.limit) && soon < t->most) {
         s.left = t->most - soon, s.unseen = INT32_MAX;
         pandis__seek_best(t, p, &s);
     }
     for (int i = 0; i < s.count; i++)
-        if (s.maybe[i].seems <= pandis__may_seem(s.limit, s.maybe[i].slack)) s.maybe[kept++] = s.maybe[i];
+        if (s.maybe[i].seems <= pandis__may_seem(s.limit, s.maybe[i].slack))
+            s.maybe[kept++] = s.maybe[i];
     s.count = kept;
     /* the only candidate is certainly nearer than the limit */
-    if (kept == 1 && s.face == INT32_MAX && s.limit < limit)
-        s.face = s.maybe[0].face;
-    else
-        pandis__settle(t, p, &s);
+    if (kept == 1 && s.face == INT32_MAX && s.limit < limit) s.face = s.maybe[0].face;
+    else pandis__settle(t, p, &s);
     *clear = (double)INFINITY;
     if (s.unseen > pandis__limit_key(s.limit)) return s.face;
     float squared;
@@ -1669,8 +1845,10 @@ static int32_t pandis__nearest(const pandis__mesh *t, const double *p, double li
     return s.face;
 }
 
-/* Bit mask of a node's boxes that a segment from a point meets beyond the share `from` of its length. */
-static int pandis__nodes_between(const pandis__node *node, const double *p, const double *way, double from) {
+/* Bit mask of a node's boxes that a segment from a point meets beyond the share `from` of its
+ * length. */
+static int pandis__nodes_between(
+    const pandis__node *node, const double *p, const double *way, double from) {
     int met = 0;
     for (int i = 0; i < PANDIS__WIDTH; i++) {
         double enter = from, leave = 1;
@@ -1685,10 +1863,10 @@ static int pandis__nodes_between(const pandis__node *node, const double *p, cons
     return met;
 }
 
-/* Find the side of a point (-1: inside) from the first face on the segment to a target, which is free up to the share
- * `from`. If the segment meets too many faces, the target's face decides. */
-PANDIS__APART static double pandis__first_sign(const pandis__mesh *t, const double *p, const double *target,
-                                               const double *n, double from) {
+/* Find the side of a point (-1: inside) from the first face on the segment to a target, which is
+ * free up to the share `from`. If the segment meets too many faces, the target's face decides. */
+PANDIS__APART static double pandis__first_sign(
+    const pandis__mesh *t, const double *p, const double *target, const double *n, double from) {
     int32_t stack[PANDIS__STACK], left = t->most;
     double way[3], nearest = 1;
     int top = 1;
@@ -1716,21 +1894,24 @@ PANDIS__APART static double pandis__first_sign(const pandis__mesh *t, const doub
     return sign;
 }
 
-/* Find the sign of a point after a search that was cut short: other faces may be nearer, but not nearer than `clear`. */
-static double pandis__cut_sign(const pandis__mesh *t, const double *p, int32_t face, const pandis__foot *foot,
-                               double clear) {
+/* Find the sign of a point after a search that was cut short: other faces may be nearer, but not
+ * nearer than `clear`. */
+static double pandis__cut_sign(
+    const pandis__mesh *t, const double *p, int32_t face, const pandis__foot *foot, double clear) {
     double target[3], n[3]; /* next to the foot, within the face */
     if (!(foot->distance > 0) || !pandis__face_normal(t, face, n)) return 1;
     for (int k = 0; k < 3; k++) {
-        double middle = (pandis__corner(t, face, 0)[k] + pandis__corner(t, face, 1)[k] + pandis__corner(t, face, 2)[k]) / 3;
+        double middle = (pandis__corner(t, face, 0)[k] + pandis__corner(t, face, 1)[k] +
+                            pandis__corner(t, face, 2)[k]) /
+            3;
         double at = p[k] - foot->offset[k];
         target[k] = at + 1e-3 * (middle - at);
     }
     return pandis__first_sign(t, p, target, n, 0.999 * clear / foot->distance);
 }
 
-PANDIS__APART static pandis_flag pandis__answer_mesh(const pandis__mesh *t, const double *u, pandis__start *begin,
-                                             double *distance, double *normal, double *clear) {
+PANDIS__APART static pandis_flag pandis__answer_mesh(const pandis__mesh *t, const double *u,
+    pandis__start *begin, double *distance, double *normal, double *clear) {
     pandis__foot foot;
     double limit = begin->guess * (1 + 1e-9) + 1e-12 * t->reach; /* with a margin for rounding */
     /* a reach, with a margin for the errors of leaves on slivers */
@@ -1743,11 +1924,13 @@ PANDIS__APART static pandis_flag pandis__answer_mesh(const pandis__mesh *t, cons
         return PANDIS_BEYOND;
     }
     /* if cut short, a search with a limit may end elsewhere: repeat it without one */
-    if ((face == INT32_MAX || cut) && limit < (double)INFINITY) face = pandis__nearest(t, u, (double)INFINITY, clear);
+    if ((face == INT32_MAX || cut) && limit < (double)INFINITY)
+        face = pandis__nearest(t, u, (double)INFINITY, clear);
     if (face == INT32_MAX) return PANDIS_INVALID;
     double n[3], sign;
     cut = *clear < (double)INFINITY;
-    const double *corner[3] = {pandis__corner(t, face, 0), pandis__corner(t, face, 1), pandis__corner(t, face, 2)};
+    const double *corner[3] = {
+        pandis__corner(t, face, 0), pandis__corner(t, face, 1), pandis__corner(t, face, 2)};
     pandis__find_mesh_foot(t, face, u, &foot);
     pandis__keep_feature(corner, &foot, begin);
     for (int k = 0; k < 3; k++) begin->closest[k] = u[k] - foot.offset[k];
@@ -1758,28 +1941,33 @@ PANDIS__APART static pandis_flag pandis__answer_mesh(const pandis__mesh *t, cons
     *distance = sign * foot.distance;
     *clear = *clear < foot.distance ? *clear : foot.distance;
     /* closer than this, the quotient loses too many digits */
-    for (int k = 0; k < 3; k++) normal[k] = foot.distance > 1e-9 ? sign * (foot.offset[k] / foot.distance) : n[k];
-    return !(fabs(u[0]) <= 1 && fabs(u[1]) <= 1 && fabs(u[2]) <= 1) ? PANDIS_BOUND : cut ? PANDIS_CUT : PANDIS_OK;
+    for (int k = 0; k < 3; k++)
+        normal[k] = foot.distance > 1e-9 ? sign * (foot.offset[k] / foot.distance) : n[k];
+    return !(fabs(u[0]) <= 1 && fabs(u[1]) <= 1 && fabs(u[2]) <= 1) ? PANDIS_BOUND
+        : cut                                                       ? PANDIS_CUT
+                                                                    : PANDIS_OK;
 }
-/* ---------------------------------------------------------------- closest points of a packed mesh
+/* -------------------- closest points of a packed mesh
  *
  * The mesh's vertices lie on a lattice. Its faces are stored in blocks of up to 64. Each block
- * has separate corners, in as few bits as possible, and eight boxes around eight faces each; a tree of eight-wide branches
- * leads to the blocks. The nearest face is found in single precision, relative to the block; its closest
- * point and the answer are then computed in double.
+ * has separate corners, in as few bits as possible, and eight boxes around eight faces each; a tree
+ * of eight-wide branches leads to the blocks. The nearest face is found in single precision,
+ * relative to the block; its closest point and the answer are then computed in double.
  *
- * The side of a point whose closest point lies on an edge or a corner: all points with that closest point
- * form a convex cone that the surface does not enter, so they are on the same side. Two bits store it, and no
- * neighbour is needed. Where faces around are nearly coplanar, and inside faces, the face itself determines the
- * side. Where the lattice has folded the surface over itself no face does: there ray crossings are counted. */
+ * The side of a point whose closest point lies on an edge or a corner: all points with that closest
+ * point form a convex cone that the surface does not enter, so they are on the same side. Two bits
+ * store it, and no neighbour is needed. Where faces around are nearly coplanar, and inside faces,
+ * the face itself determines the side. Where the lattice has folded the surface over itself no face
+ * does: there ray crossings are counted. */
 
 enum { PANDIS__BY_FACE, PANDIS__OUTSIDE, PANDIS__INSIDE, PANDIS__BY_RAY };
 
 typedef struct {
-    const unsigned char *boxes, *faces, *words, *sides; /* sides: NULL if every face determines the side */
+    /* sides: NULL if every face determines the side */
+    const unsigned char *boxes, *faces, *words, *sides;
     int32_t origin[3];
     int face_count, groups, corner_count, bits[3], stride; /* stride: bytes of a corner's word */
-    int shift[3]; /* of its boxes */
+    int shift[3];                                          /* of its boxes */
 } pandis__packed;
 
 #define PANDIS__GROUP_BYTES 18 /* three times eight corners of six bits */
@@ -1789,7 +1977,8 @@ static int pandis__coarse(int bits) { return bits > 8 ? bits - 8 : 0; }
 
 PANDIS__INLINE void pandis__unpack(const pandis__compact *t, int32_t block, pandis__packed *b) {
     const pandis__block_record *record = t->blocks + block;
-    b->face_count = (int)(record->counts & 63) + 1, b->corner_count = (int)(record->counts >> 6 & 63) + 1;
+    b->face_count = (int)(record->counts & 63) + 1,
+    b->corner_count = (int)(record->counts >> 6 & 63) + 1;
     b->groups = (b->face_count + PANDIS__WIDTH - 1) / PANDIS__WIDTH;
     for (int k = 0; k < 3; k++) {
         b->bits[k] = (int)(record->counts >> (12 + 5 * k) & 31);
@@ -1819,7 +2008,8 @@ PANDIS__INLINE uint64_t pandis__word(const pandis__packed *b, int corner) {
 }
 
 /* Read the corners of eight faces, relative to the block's origin: (3 corners, 3 axes, 8). */
-PANDIS__INLINE void pandis__group_corners(const pandis__packed *b, int group, float (*out)[3][PANDIS__WIDTH]) {
+PANDIS__INLINE void pandis__group_corners(
+    const pandis__packed *b, int group, float (*out)[3][PANDIS__WIDTH]) {
     const unsigned char *faces = b->faces + PANDIS__GROUP_BYTES * group;
     uint32_t xy[PANDIS__WIDTH], z[PANDIS__WIDTH], mask[3];
     int second = b->bits[0], third = second + b->bits[1];
@@ -1837,27 +2027,33 @@ PANDIS__INLINE void pandis__group_corners(const pandis__packed *b, int group, fl
         }
         if (third > 32)
             for (int i = 0; i < PANDIS__WIDTH; i++)
-                out[c][1][i] = (float)(int32_t)(pandis__word(b, (int)(codes >> 6 * i & 63)) >> second & mask[1]);
+                out[c][1][i] =
+                    (float)(int32_t)(pandis__word(b, (int)(codes >> 6 * i & 63)) >> second &
+                        mask[1]);
     }
 }
 
 /* The keys of eight boxes: lower bounds of the squared distances to the faces in them. */
-PANDIS__INLINE void pandis__byte_bounds(const unsigned char *PANDIS__RESTRICT boxes, int count, const int *shift,
-                                const float *PANDIS__RESTRICT q, int32_t *PANDIS__RESTRICT keys) {
+PANDIS__INLINE void pandis__byte_bounds(const unsigned char *PANDIS__RESTRICT boxes, int count,
+    const int *shift, const float *PANDIS__RESTRICT q, int32_t *PANDIS__RESTRICT keys) {
     float out[PANDIS__WIDTH];
     float place[6 * PANDIS__WIDTH], scale[3], low[3], high[3];
-    for (int i = 0; i < 6 * PANDIS__WIDTH; i++) place[i] = (float)(int32_t)(uint32_t)boxes[i]; /* so that gcc uses vectors */
+    /* so that gcc uses vectors */
+    for (int i = 0; i < 6 * PANDIS__WIDTH; i++) place[i] = (float)(int32_t)(uint32_t)boxes[i];
     for (int k = 0; k < 3; k++) {
         scale[k] = (float)(1 << shift[k]);
         float slack = 1e-6f * (fabsf(q[k]) + 256 * scale[k]);
         low[k] = q[k] + slack, high[k] = q[k] - slack;
     }
     for (int i = 0; i < PANDIS__WIDTH; i++) {
-        float below = place[0 * PANDIS__WIDTH + i] * scale[0] - low[0], above = high[0] - place[3 * PANDIS__WIDTH + i] * scale[0];
+        float below = place[0 * PANDIS__WIDTH + i] * scale[0] - low[0],
+              above = high[0] - place[3 * PANDIS__WIDTH + i] * scale[0];
         float x = below > above ? below : above;
-        below = place[1 * PANDIS__WIDTH + i] * scale[1] - low[1], above = high[1] - place[4 * PANDIS__WIDTH + i] * scale[1];
+        below = place[1 * PANDIS__WIDTH + i] * scale[1] - low[1],
+        above = high[1] - place[4 * PANDIS__WIDTH + i] * scale[1];
         float y = below > above ? below : above;
-        below = place[2 * PANDIS__WIDTH + i] * scale[2] - low[2], above = high[2] - place[5 * PANDIS__WIDTH + i] * scale[2];
+        below = place[2 * PANDIS__WIDTH + i] * scale[2] - low[2],
+        above = high[2] - place[5 * PANDIS__WIDTH + i] * scale[2];
         float z = below > above ? below : above;
         x = x > 0 ? x : 0, y = y > 0 ? y : 0, z = z > 0 ? z : 0;
         out[i] = (x * x + y * y + z * z) * 0.99999f;
@@ -1866,24 +2062,27 @@ PANDIS__INLINE void pandis__byte_bounds(const unsigned char *PANDIS__RESTRICT bo
     for (int i = 0; i < PANDIS__WIDTH; i++) keys[i] = i < count ? (keys[i] & ~7) | i : INT32_MAX;
 }
 
-/* Squared distances to the eight triangles of a group. Their normals are exact as long as sides are shorter than 2^12
- * steps; the closest point inside a triangle is off by rounding over the sine of its narrowest corner. */
-PANDIS__INLINE void pandis__group_distances(const pandis__packed *b, int group, const float *PANDIS__RESTRICT q,
-                                    float *PANDIS__RESTRICT out) {
+/* Squared distances to the eight triangles of a group. Their normals are exact as long as sides are
+ * shorter than 2^12 steps; the closest point inside a triangle is off by rounding over the sine of
+ * its narrowest corner. */
+PANDIS__INLINE void pandis__group_distances(const pandis__packed *b, int group,
+    const float *PANDIS__RESTRICT q, float *PANDIS__RESTRICT out) {
     float v[3][3][PANDIS__WIDTH];
     pandis__group_corners(b, group, v);
     pandis__eight_distances(v, q, out);
 }
-/* ---------------------------------------------------------------- answers of a packed mesh */
+/* -------------------- answers of a packed mesh */
 
-/* State of a search: the nearest face so far (squared distance, its key, and block * 64 + place), the remaining budget of
- * groups and blocks, and the key of the nearest group or block that was not visited. */
+/* State of a search: the nearest face so far (squared distance, its key, and block * 64 + place),
+ * the remaining budget of groups and blocks, and the key of the nearest group or block that was not
+ * visited. */
 typedef struct {
     float squared;
     int32_t key, face, left, unseen;
 } pandis__near;
 
-PANDIS__INLINE void pandis__search_block(const pandis__compact *t, int32_t block, const double *p, pandis__near *best) {
+PANDIS__INLINE void pandis__search_block(
+    const pandis__compact *t, int32_t block, const double *p, pandis__near *best) {
     pandis__packed b;
     float q[3], d[PANDIS__WIDTH];
     int32_t keys[PANDIS__WIDTH], key, nearest[PANDIS__WIDTH];
@@ -1900,7 +2099,8 @@ PANDIS__INLINE void pandis__search_block(const pandis__compact *t, int32_t block
         keys[group] = INT32_MAX;
         pandis__group_distances(&b, group, q, d);
         memcpy(nearest, d, sizeof nearest);
-        int32_t least = pandis__least(nearest), face = PANDIS__BLOCK * block + PANDIS__WIDTH * group;
+        int32_t least = pandis__least(nearest),
+                face = PANDIS__BLOCK * block + PANDIS__WIDTH * group;
         if (least > (best->key | 7)) continue;
         while (nearest[i] != least) i++;
         if (d[i] < best->squared || (d[i] == best->squared && face + i < best->face))
@@ -1908,15 +2108,19 @@ PANDIS__INLINE void pandis__search_block(const pandis__compact *t, int32_t block
     }
 }
 
-PANDIS__INLINE void pandis__branch_keys(const pandis__branch *branch, const double *p, int32_t *keys) {
+PANDIS__INLINE void pandis__branch_keys(
+    const pandis__branch *branch, const double *p, int32_t *keys) {
     float q[3];
     int shift[3];
-    for (int k = 0; k < 3; k++) q[k] = (float)(p[k] - branch->origin[k]), shift[k] = branch->shift[k];
+    for (int k = 0; k < 3; k++)
+        q[k] = (float)(p[k] - branch->origin[k]), shift[k] = branch->shift[k];
     pandis__byte_bounds(branch->boxes[0], branch->count, shift, q, keys);
 }
 
-/* Descend depth-first, the nearest branch first; for most points this finds the nearest face early. */
-PANDIS__INLINE void pandis__search_depth_body(const pandis__compact *t, const double *p, pandis__near *best) {
+/* Descend depth-first, the nearest branch first; for most points this finds the nearest face early.
+ */
+PANDIS__INLINE void pandis__search_depth_body(
+    const pandis__compact *t, const double *p, pandis__near *best) {
     struct {
         int32_t keys[PANDIS__WIDTH];
         const pandis__branch *branch;
@@ -1942,10 +2146,12 @@ PANDIS__INLINE void pandis__search_depth_body(const pandis__compact *t, const do
     }
 }
 
-PANDIS__COMPILE(pandis__search_depth, (const pandis__compact *t, const double *p, pandis__near *best), (t, p, best))
+PANDIS__COMPILE(pandis__search_depth,
+    (const pandis__compact *t, const double *p, pandis__near *best), (t, p, best))
 
 /* Search best-first, so that little is missed when the budget is spent. */
-PANDIS__INLINE void pandis__search_best_body(const pandis__compact *t, const double *p, pandis__near *best) {
+PANDIS__INLINE void pandis__search_best_body(
+    const pandis__compact *t, const double *p, pandis__near *best) {
     pandis__waiting heap[PANDIS__HEAP];
     int count = 1;
     heap[0].key = heap[0].child = 0;
@@ -1967,17 +2173,21 @@ PANDIS__INLINE void pandis__search_best_body(const pandis__compact *t, const dou
         pandis__branch_keys(branch, p, keys);
         for (int i = 0; i < branch->count; i++) {
             int32_t out;
-            if (keys[i] <= best->key && pandis__wait_or_drop(heap, &count, keys[i], branch->child[i], &out))
+            if (keys[i] <= best->key &&
+                pandis__wait_or_drop(heap, &count, keys[i], branch->child[i], &out))
                 best->unseen = out < best->unseen ? out : best->unseen;
         }
     }
 }
 
-PANDIS__COMPILE(pandis__search_best, (const pandis__compact *t, const double *p, pandis__near *best), (t, p, best))
+PANDIS__COMPILE(pandis__search_best,
+    (const pandis__compact *t, const double *p, pandis__near *best), (t, p, best))
 
-/* Find the face nearest to a point in lattice steps: block * 64 + place; INT32_MAX if there is none within `reach`
- * (steps). `clear`: if the search was cut short, the squared distance that all other faces exceed; else infinite. */
-static int32_t pandis__search(const pandis__compact *t, const double *p, double reach, float *clear) {
+/* Find the face nearest to a point in lattice steps: block * 64 + place; INT32_MAX if there is none
+ * within `reach` (steps). `clear`: if the search was cut short, the squared distance that all other
+ * faces exceed; else infinite. */
+static int32_t pandis__search(
+    const pandis__compact *t, const double *p, double reach, float *clear) {
     int32_t soon = pandis__soon(t->most);
     pandis__near best = {FLT_MAX, INT32_MAX - 1, INT32_MAX, soon, INT32_MAX};
     if (reach < 1e18) best.squared = (float)(reach * reach), best.key = pandis__key(best.squared);
@@ -1994,11 +2204,13 @@ static int32_t pandis__search(const pandis__compact *t, const double *p, double 
 /* Read the position of a block's corner, in lattice steps. */
 static void pandis__packed_corner(const pandis__packed *b, int corner, double *out) {
     uint64_t word = pandis__word(b, corner);
-    for (int k = 0; k < 3; word >>= b->bits[k++]) out[k] = b->origin[k] + (double)(word & ((1u << b->bits[k]) - 1));
+    for (int k = 0; k < 3; word >>= b->bits[k++])
+        out[k] = b->origin[k] + (double)(word & ((1u << b->bits[k]) - 1));
 }
 
 /* Read the corners of a face: their numbers in the block, and their positions. */
-static void pandis__face_corners(const pandis__packed *b, int place, int *corners, double (*at)[3]) {
+static void pandis__face_corners(
+    const pandis__packed *b, int place, int *corners, double (*at)[3]) {
     const unsigned char *faces = b->faces + PANDIS__GROUP_BYTES * (place / PANDIS__WIDTH);
     for (int k = 0; k < 3; k++) {
         corners[k] = (int)(pandis__six_bits(faces + 6 * k) >> 6 * (place % PANDIS__WIDTH) & 63);
@@ -2007,24 +2219,26 @@ static void pandis__face_corners(const pandis__packed *b, int place, int *corner
 }
 
 /* An entry of a two-bit list. */
-static int pandis__two_bits(const unsigned char *list, int at) { return list[at / 4] >> 2 * (at % 4) & 3; }
+static int pandis__two_bits(const unsigned char *list, int at) {
+    return list[at / 4] >> 2 * (at % 4) & 3;
+}
 
 /* Bit mask of the boxes, of eight, that a ray from a point along x meets. */
-static int pandis__boxes_ahead(const unsigned char *boxes, int count, const int32_t *origin, const int *shift,
-                               const double *p) {
+static int pandis__boxes_ahead(const unsigned char *boxes, int count, const int32_t *origin,
+    const int *shift, const double *p) {
     int met = 0;
     for (int i = 0; i < count; i++) {
         int ahead = p[0] <= (double)(origin[0] + (boxes[3 * PANDIS__WIDTH + i] << shift[0]));
         for (int k = 1; k < 3; k++)
             ahead &= p[k] >= (double)(origin[k] + (boxes[PANDIS__WIDTH * k + i] << shift[k])) &&
-                     p[k] <= (double)(origin[k] + (boxes[PANDIS__WIDTH * (3 + k) + i] << shift[k]));
+                p[k] <= (double)(origin[k] + (boxes[PANDIS__WIDTH * (3 + k) + i] << shift[k]));
         met |= ahead << i;
     }
     return met;
 }
 
-/* Twice the signed area that an edge and a point span, seen along x. The edge's two directions give exactly opposite
- * values, so that a ray close to the edge meets exactly one of its two faces. */
+/* Twice the signed area that an edge and a point span, seen along x. The edge's two directions give
+ * exactly opposite values, so that a ray close to the edge meets exactly one of its two faces. */
 static double pandis__beside(const double *a, const double *b, const double *p) {
     int turn = a[1] > b[1] || (a[1] == b[1] && a[2] > b[2]);
     const double *s = turn ? b : a, *e = turn ? a : b;
@@ -2058,7 +2272,8 @@ PANDIS__APART static int pandis__winding(const pandis__compact *t, const double 
         if (child >= 0) {
             const pandis__branch *branch = t->branches + child;
             for (int k = 0; k < 3; k++) shift[k] = branch->shift[k];
-            int met = pandis__boxes_ahead(branch->boxes[0], branch->count, branch->origin, shift, p);
+            int met =
+                pandis__boxes_ahead(branch->boxes[0], branch->count, branch->origin, shift, p);
             for (int i = 0; i < branch->count; i++)
                 if (met >> i & 1) stack[top++] = branch->child[i];
             continue;
@@ -2071,21 +2286,24 @@ PANDIS__APART static int pandis__winding(const pandis__compact *t, const double 
             int corners[3];
             if (!(met >> place / PANDIS__WIDTH & 1)) continue;
             pandis__face_corners(&b, place, corners, c);
-            turns += pandis__crossing((const double(*)[3])c, p);
+            turns += pandis__crossing((const double (*)[3])c, p);
         }
     }
     return turns;
 }
 
-/* Bit mask of the boxes, of eight, that a segment from a point meets beyond the share `from` of its length. */
-static int pandis__boxes_between(const unsigned char *boxes, int count, const int32_t *origin, const int *shift,
-                                 const double *p, const double *way, double from) {
+/* Bit mask of the boxes, of eight, that a segment from a point meets beyond the share `from` of its
+ * length. */
+static int pandis__boxes_between(const unsigned char *boxes, int count, const int32_t *origin,
+    const int *shift, const double *p, const double *way, double from) {
     int met = 0;
     for (int i = 0; i < count; i++) {
         double enter = from, leave = 1;
         for (int k = 0; k < 3; k++) {
-            double low = (double)(origin[k] + (boxes[PANDIS__WIDTH * k + i] << shift[k])) - p[k] - 1e-6;
-            double high = (double)(origin[k] + (boxes[PANDIS__WIDTH * (3 + k) + i] << shift[k])) - p[k] + 1e-6;
+            double low =
+                (double)(origin[k] + (boxes[PANDIS__WIDTH * k + i] << shift[k])) - p[k] - 1e-6;
+            double high = (double)(origin[k] + (boxes[PANDIS__WIDTH * (3 + k) + i] << shift[k])) -
+                p[k] + 1e-6;
             double a = low / way[k], b = high / way[k], first = a < b ? a : b, last = a < b ? b : a;
             if (way[k] == 0) first = low <= 0 && high >= 0 ? from : 2, last = 1;
             enter = first > enter ? first : enter, leave = last < leave ? last : leave;
@@ -2095,10 +2313,10 @@ static int pandis__boxes_between(const unsigned char *boxes, int count, const in
     return met;
 }
 
-/* Find the side of a point from the first face on the segment to a target, which is free up to the share `from`. If the
- * segment meets too many faces, the target's face decides. */
-PANDIS__APART static int pandis__first_side(const pandis__compact *t, const double *p, const double *target,
-                                            const double *n, double from) {
+/* Find the side of a point from the first face on the segment to a target, which is free up to the
+ * share `from`. If the segment meets too many faces, the target's face decides. */
+PANDIS__APART static int pandis__first_side(
+    const pandis__compact *t, const double *p, const double *target, const double *n, double from) {
     int32_t stack[PANDIS__STACK], left = t->most;
     double way[3], nearest = 1;
     int top = 1, shift[3];
@@ -2110,7 +2328,8 @@ PANDIS__APART static int pandis__first_side(const pandis__compact *t, const doub
         if (child >= 0) {
             const pandis__branch *branch = t->branches + child;
             for (int k = 0; k < 3; k++) shift[k] = branch->shift[k];
-            int met = pandis__boxes_between(branch->boxes[0], branch->count, branch->origin, shift, p, way, from);
+            int met = pandis__boxes_between(
+                branch->boxes[0], branch->count, branch->origin, shift, p, way, from);
             for (int i = 0; i < branch->count; i++)
                 if (met >> i & 1) stack[top++] = branch->child[i];
             continue;
@@ -2126,38 +2345,41 @@ PANDIS__APART static int pandis__first_side(const pandis__compact *t, const doub
             if (place % PANDIS__WIDTH == 0 && --left < 0) return own;
             pandis__face_corners(&b, place, corners, corner);
             int sign = pandis__meets(c, p, way, &at);
-            if (sign && at < nearest) nearest = at, side = sign < 0 ? PANDIS__INSIDE : PANDIS__OUTSIDE;
+            if (sign && at < nearest)
+                nearest = at, side = sign < 0 ? PANDIS__INSIDE : PANDIS__OUTSIDE;
         }
     }
     return side;
 }
 
 /* How to find the side of a point with this closest point. */
-static int pandis__tells(const pandis__packed *b, int place, const int *corners, const pandis__foot *foot) {
+static int pandis__tells(
+    const pandis__packed *b, int place, const int *corners, const pandis__foot *foot) {
     int tells = PANDIS__BY_FACE;
     if (!b->sides) return tells;
-    const unsigned char *edges = b->sides + (b->corner_count + 3) / 4, *faces = edges + 6 * b->groups;
-    if (foot->corner >= 0)
-        tells = pandis__two_bits(b->sides, corners[foot->corner]);
-    else if (foot->edge >= 0)
-        tells = pandis__two_bits(edges, 3 * place + foot->edge);
+    const unsigned char *edges = b->sides + (b->corner_count + 3) / 4,
+                        *faces = edges + 6 * b->groups;
+    if (foot->corner >= 0) tells = pandis__two_bits(b->sides, corners[foot->corner]);
+    else if (foot->edge >= 0) tells = pandis__two_bits(edges, 3 * place + foot->edge);
     return tells == PANDIS__BY_FACE ? pandis__two_bits(faces, place) : tells;
 }
 
-/* Find the side of a point after a search that was cut short: other faces may be nearer, but not nearer than `clear`. */
+/* Find the side of a point after a search that was cut short: other faces may be nearer, but not
+ * nearer than `clear`. */
 static int pandis__cut_side(const pandis__compact *t, const double *p, const double (*corner)[3],
-                            const pandis__foot *foot, const double *n, double clear) {
+    const pandis__foot *foot, const double *n, double clear) {
     double target[3]; /* next to the foot, within the face */
     if (!(foot->distance > 0)) return PANDIS__OUTSIDE;
     for (int k = 0; k < 3; k++) {
-        double middle = (corner[0][k] + corner[1][k] + corner[2][k]) / 3, at = p[k] - foot->offset[k];
+        double middle = (corner[0][k] + corner[1][k] + corner[2][k]) / 3,
+               at = p[k] - foot->offset[k];
         target[k] = at + 1e-3 * (middle - at);
     }
     return pandis__first_side(t, p, target, n, 0.999 * clear / foot->distance);
 }
 
-PANDIS__APART static pandis_flag pandis__answer_compact(const pandis__compact *t, const double *u, pandis__start *begin,
-                                                double *distance, double *normal, double *clear) {
+PANDIS__APART static pandis_flag pandis__answer_compact(const pandis__compact *t, const double *u,
+    pandis__start *begin, double *distance, double *normal, double *clear) {
     double p[3], corner[3][3], side[2][3], n[3], most = 0, size = t->step;
     const double *c[3] = {corner[0], corner[1], corner[2]};
     float unseen;
@@ -2169,7 +2391,8 @@ PANDIS__APART static pandis_flag pandis__answer_compact(const pandis__compact *t
     double steps = nearer < 1 ? (double)INFINITY : (begin->reach * 1.0001 + 1e-3) / t->step;
     int32_t face = pandis__search(t, p, steps, &unseen);
     /* if cut short, a search with a reach may end elsewhere: repeat it without one */
-    if (unseen < FLT_MAX && steps < 1e18) steps = (double)INFINITY, face = pandis__search(t, p, steps, &unseen);
+    if (unseen < FLT_MAX && steps < 1e18)
+        steps = (double)INFINITY, face = pandis__search(t, p, steps, &unseen);
     if (face == INT32_MAX && steps < 1e18) {
         *clear = begin->reach;
         return PANDIS_BEYOND;
@@ -2184,30 +2407,35 @@ PANDIS__APART static pandis_flag pandis__answer_compact(const pandis__compact *t
     if (nearer < 1) { /* in the unit frame, where squares do not overflow */
         size = 1;
         for (int k = 0; k < 3; k++) p[k] = u[k];
-        for (int k = 0; k < 9; k++) corner[k / 3][k % 3] = corner[k / 3][k % 3] * t->step - PANDIS__HALF;
+        for (int k = 0; k < 9; k++)
+            corner[k / 3][k % 3] = corner[k / 3][k % 3] * t->step - PANDIS__HALF;
     }
     if (!pandis__inner_foot(c, p, (double)INFINITY, &foot)) pandis__rim_foot(c, p, &foot);
     pandis__keep_feature(c, &foot, begin);
     foot.distance = sqrt(pandis__dot(foot.offset, foot.offset));
-    for (int k = 0; k < 3; k++) side[0][k] = corner[1][k] - corner[0][k], side[1][k] = corner[2][k] - corner[0][k];
+    for (int k = 0; k < 3; k++)
+        side[0][k] = corner[1][k] - corner[0][k], side[1][k] = corner[2][k] - corner[0][k];
     pandis__cross(side[0], side[1], n);
     if (!pandis__normalise(n)) n[0] = n[1] = 0, n[2] = 1;
     int tells = most > t->reach ? PANDIS__OUTSIDE : pandis__tells(&b, place, corners, &foot);
     if (cut && most <= t->reach)
-        tells = pandis__cut_side(t, p, (const double(*)[3])corner, &foot, n, sqrt((double)unseen));
-    if (tells == PANDIS__BY_RAY) tells = pandis__winding(t, p) > 0 ? PANDIS__INSIDE : PANDIS__OUTSIDE;
-    if (tells == PANDIS__BY_FACE) tells = pandis__dot(foot.offset, n) < 0 ? PANDIS__INSIDE : PANDIS__OUTSIDE;
+        tells = pandis__cut_side(t, p, (const double (*)[3])corner, &foot, n, sqrt((double)unseen));
+    if (tells == PANDIS__BY_RAY)
+        tells = pandis__winding(t, p) > 0 ? PANDIS__INSIDE : PANDIS__OUTSIDE;
+    if (tells == PANDIS__BY_FACE)
+        tells = pandis__dot(foot.offset, n) < 0 ? PANDIS__INSIDE : PANDIS__OUTSIDE;
     double sign = tells == PANDIS__INSIDE ? -1 : 1;
     *distance = sign * foot.distance * size;
     *clear = !cut ? foot.distance * size : nearer < 1 ? 0 : sqrt((double)unseen) * t->step;
     if (*clear > foot.distance * size) *clear = foot.distance * size;
-    for (int k = 0; k < 3; k++) normal[k] = foot.distance * size > 1e-9 ? sign * (foot.offset[k] / foot.distance) : n[k];
+    for (int k = 0; k < 3; k++)
+        normal[k] = foot.distance * size > 1e-9 ? sign * (foot.offset[k] / foot.distance) : n[k];
     return most > 1 ? PANDIS_BOUND : cut ? PANDIS_CUT : PANDIS_OK;
 }
+/* -------------------- networks */
 
-/* ---------------------------------------------------------------- networks */
-
-/* Reading the weights limits the speed of a network: prefetch the next rows while these are used. */
+/* Reading the weights limits the speed of a network: prefetch the next rows while these are used.
+ */
 #if PANDIS__VECTOR > 1
 #define PANDIS__FETCH(p) __builtin_prefetch(p)
 #else
@@ -2215,58 +2443,66 @@ PANDIS__APART static pandis_flag pandis__answer_compact(const pandis__compact *t
 #endif
 
 /* Define a function for 32-bit and for 16-bit weights. */
-#define PANDIS__KINDS(make)                                                                                      \
-    PANDIS__TWICE(make(pandis__load, float, f_plain, static) make(pandis__load16, int16_t, h_plain, static),     \
-                  make(pandis__load, float, f_wide, PANDIS__WIDE static)                                         \
-                      make(pandis__load16_wide, int16_t, h_wide, PANDIS__WIDE static))
+#define PANDIS__KINDS(make)                                                                        \
+    PANDIS__TWICE(make(pandis__load, float, f_plain, static)                                       \
+                      make(pandis__load16, int16_t, h_plain, static),                              \
+        make(pandis__load, float, f_wide, PANDIS__WIDE static)                                     \
+            make(pandis__load16_wide, int16_t, h_wide, PANDIS__WIDE static))
 
 /* out <- out + the sum over rows of h[i] * weights[i], four rows at once. */
-#define PANDIS__ADD(load, type, tail, how)                                                                       \
-    how void pandis__add_##tail(const type *w, const float *h, int rows, int stride, float *out) {               \
-        int i = 0;                                                                                               \
-        for (; i + 4 <= rows; i += 4, w += 4 * (ptrdiff_t)stride) {                                              \
-            float a = h[i], b = h[i + 1], c = h[i + 2], d = h[i + 3];                                            \
-            const type *next = i + 8 <= rows ? w + 4 * (ptrdiff_t)stride : w;                                    \
-            for (int j = 0; j < stride; j += PANDIS__VECTOR) {                                                   \
-                for (int r = 0; r < 4; r++) PANDIS__FETCH(next + r * (ptrdiff_t)stride + j);                     \
-                pandis__vector sum = pandis__load(out + j) + ((a * load(w + j) + b * load(w + stride + j)) +     \
-                                                              (c * load(w + 2 * (ptrdiff_t)stride + j) +         \
-                                                               d * load(w + 3 * (ptrdiff_t)stride + j)));        \
-                memcpy(out + j, &sum, sizeof sum);                                                               \
-            }                                                                                                    \
-        }                                                                                                        \
-        for (; i < rows; i++, w += stride)                                                                       \
-            for (int j = 0; j < stride; j++) out[j] += h[i] * (float)w[j];                                       \
+#define PANDIS__ADD(load, type, tail, how)                                                         \
+    how void pandis__add_##tail(const type *w, const float *h, int rows, int stride, float *out) { \
+        int i = 0;                                                                                 \
+        for (; i + 4 <= rows; i += 4, w += 4 * (ptrdiff_t)stride) {                                \
+            float a = h[i], b = h[i + 1], c = h[i + 2], d = h[i + 3];                              \
+            const type *next = i + 8 <= rows ? w + 4 * (ptrdiff_t)stride : w;                      \
+            for (int j = 0; j < stride; j += PANDIS__VECTOR) {                                     \
+                for (int r = 0; r < 4; r++) PANDIS__FETCH(next + r * (ptrdiff_t)stride + j);       \
+                pandis__vector sum = pandis__load(out + j) +                                       \
+                    ((a * load(w + j) + b * load(w + stride + j)) +                                \
+                        (c * load(w + 2 * (ptrdiff_t)stride + j) +                                 \
+                            d * load(w + 3 * (ptrdiff_t)stride + j)));                             \
+                memcpy(out + j, &sum, sizeof sum);                                                 \
+            }                                                                                      \
+        }                                                                                          \
+        for (; i < rows; i++, w += stride)                                                         \
+            for (int j = 0; j < stride; j++) out[j] += h[i] * (float)w[j];                         \
     }
 PANDIS__KINDS(PANDIS__ADD)
 
-/* The same for four points, whose h and out are `stride` apart: sums stay in registers, and each weight is read once
- * for all four. The order of additions is the same as above. */
-#define PANDIS__ADD_FOUR(load, type, tail, how)                                                                  \
-    how void pandis__add_four_##tail(const type *w, const float *h, int rows, int stride, float *out) {          \
-        for (int j = 0; j < stride; j += PANDIS__LANES) {                                                        \
-            pandis__vector sum[4][PANDIS__PARTS];                                                                \
-            const type *row = w + j;                                                                             \
-            int i = 0;                                                                                           \
-            for (int p = 0; p < 4; p++)                                                                          \
-                for (int k = 0; k < PANDIS__PARTS; k++)                                                          \
-                    sum[p][k] = pandis__load(out + p * (ptrdiff_t)stride + j + k * PANDIS__VECTOR);              \
-            for (; i + 4 <= rows; i += 4, row += 4 * (ptrdiff_t)stride)                                          \
-                for (int k = 0; k < PANDIS__PARTS; k++) {                                                        \
-                    const type *at = row + k * PANDIS__VECTOR;                                                   \
-                    pandis__vector w0 = load(at), w1 = load(at + stride), w2 = load(at + 2 * (ptrdiff_t)stride), \
-                                   w3 = load(at + 3 * (ptrdiff_t)stride);                                        \
-                    for (int p = 0; p < 4; p++) {                                                                \
-                        const float *x = h + p * (ptrdiff_t)stride + i;                                          \
-                        sum[p][k] = sum[p][k] + ((x[0] * w0 + x[1] * w1) + (x[2] * w2 + x[3] * w3));             \
-                    }                                                                                            \
-                }                                                                                                \
-            for (; i < rows; i++, row += stride)                                                                 \
-                for (int p = 0; p < 4; p++)                                                                      \
-                    for (int k = 0; k < PANDIS__PARTS; k++)                                                      \
-                        sum[p][k] = sum[p][k] + h[p * (ptrdiff_t)stride + i] * load(row + k * PANDIS__VECTOR);   \
-            for (int p = 0; p < 4; p++) memcpy(out + p * (ptrdiff_t)stride + j, sum[p], sizeof sum[p]);          \
-        }                                                                                                        \
+/* The same for four points, whose h and out are `stride` apart: sums stay in registers, and each
+ * weight is read once for all four. The order of additions is the same as above. */
+#define PANDIS__ADD_FOUR(load, type, tail, how)                                                    \
+    how void pandis__add_four_##tail(                                                              \
+        const type *w, const float *h, int rows, int stride, float *out) {                         \
+        for (int j = 0; j < stride; j += PANDIS__LANES) {                                          \
+            pandis__vector sum[4][PANDIS__PARTS];                                                  \
+            const type *row = w + j;                                                               \
+            int i = 0;                                                                             \
+            for (int p = 0; p < 4; p++)                                                            \
+                for (int k = 0; k < PANDIS__PARTS; k++)                                            \
+                    sum[p][k] =                                                                    \
+                        pandis__load(out + p * (ptrdiff_t)stride + j + k * PANDIS__VECTOR);        \
+            for (; i + 4 <= rows; i += 4, row += 4 * (ptrdiff_t)stride)                            \
+                for (int k = 0; k < PANDIS__PARTS; k++) {                                          \
+                    const type *at = row + k * PANDIS__VECTOR;                                     \
+                    pandis__vector w0 = load(at), w1 = load(at + stride),                          \
+                                   w2 = load(at + 2 * (ptrdiff_t)stride),                          \
+                                   w3 = load(at + 3 * (ptrdiff_t)stride);                          \
+                    for (int p = 0; p < 4; p++) {                                                  \
+                        const float *x = h + p * (ptrdiff_t)stride + i;                            \
+                        sum[p][k] =                                                                \
+                            sum[p][k] + ((x[0] * w0 + x[1] * w1) + (x[2] * w2 + x[3] * w3));       \
+                    }                                                                              \
+                }                                                                                  \
+            for (; i < rows; i++, row += stride)                                                   \
+                for (int p = 0; p < 4; p++)                                                        \
+                    for (int k = 0; k < PANDIS__PARTS; k++)                                        \
+                        sum[p][k] = sum[p][k] +                                                    \
+                            h[p * (ptrdiff_t)stride + i] * load(row + k * PANDIS__VECTOR);         \
+            for (int p = 0; p < 4; p++)                                                            \
+                memcpy(out + p * (ptrdiff_t)stride + j, sum[p], sizeof sum[p]);                    \
+        }                                                                                          \
     }
 PANDIS__KINDS(PANDIS__ADD_FOUR)
 
@@ -2279,70 +2515,72 @@ PANDIS__INLINE void pandis__fold(float (*lanes)[PANDIS__LANES], float *out) {
 }
 
 /* out[i] <- the product of row i and y, each summed in PANDIS__LANES lanes, four rows at once. */
-#define PANDIS__DOT(load, type, tail, how)                                                                       \
-    how void pandis__dots_##tail(const type *w, const float *y, int rows, int stride, float *out) {              \
-        for (int i = 0; i < rows; i += 4) {                                                                      \
-            const type *row[4];                                                                                  \
-            ptrdiff_t next = i + 8 <= rows ? 4 * (ptrdiff_t)stride : 0;                                          \
-            pandis__vector sum[4][PANDIS__PARTS];                                                                \
-            float lanes[4][PANDIS__LANES], four[4];                                                              \
-            memset(sum, 0, sizeof sum);                                                                          \
-            for (int r = 0; r < 4; r++) row[r] = w + (ptrdiff_t)(i + r < rows ? i + r : i) * stride;             \
-            for (int j = 0; j < stride; j += PANDIS__LANES)                                                      \
-                for (int k = 0; k < PANDIS__PARTS; k++) {                                                        \
-                    pandis__vector v = pandis__load(y + j + k * PANDIS__VECTOR);                                 \
-                    for (int r = 0; r < 4; r++) PANDIS__FETCH(row[r] + next + j + k * PANDIS__VECTOR);           \
-                    for (int r = 0; r < 4; r++) sum[r][k] += load(row[r] + j + k * PANDIS__VECTOR) * v;          \
-                }                                                                                                \
-            memcpy(lanes, sum, sizeof lanes);                                                                    \
-            pandis__fold(lanes, four);                                                                           \
-            for (int r = 0; r < 4 && i + r < rows; r++) out[i + r] = four[r];                                    \
-        }                                                                                                        \
+#define PANDIS__DOT(load, type, tail, how)                                                         \
+    how void pandis__dots_##tail(                                                                  \
+        const type *w, const float *y, int rows, int stride, float *out) {                         \
+        for (int i = 0; i < rows; i += 4) {                                                        \
+            const type *row[4];                                                                    \
+            ptrdiff_t next = i + 8 <= rows ? 4 * (ptrdiff_t)stride : 0;                            \
+            pandis__vector sum[4][PANDIS__PARTS];                                                  \
+            float lanes[4][PANDIS__LANES], four[4];                                                \
+            memset(sum, 0, sizeof sum);                                                            \
+            for (int r = 0; r < 4; r++)                                                            \
+                row[r] = w + (ptrdiff_t)(i + r < rows ? i + r : i) * stride;                       \
+            for (int j = 0; j < stride; j += PANDIS__LANES)                                        \
+                for (int k = 0; k < PANDIS__PARTS; k++) {                                          \
+                    pandis__vector v = pandis__load(y + j + k * PANDIS__VECTOR);                   \
+                    for (int r = 0; r < 4; r++)                                                    \
+                        PANDIS__FETCH(row[r] + next + j + k * PANDIS__VECTOR);                     \
+                    for (int r = 0; r < 4; r++)                                                    \
+                        sum[r][k] += load(row[r] + j + k * PANDIS__VECTOR) * v;                    \
+                }                                                                                  \
+            memcpy(lanes, sum, sizeof lanes);                                                      \
+            pandis__fold(lanes, four);                                                             \
+            for (int r = 0; r < 4 && i + r < rows; r++) out[i + r] = four[r];                      \
+        }                                                                                          \
     }
 PANDIS__KINDS(PANDIS__DOT)
 
 /* out[p][i] <- the product of row i and y of point p, for four points `stride` apart. */
-#define PANDIS__DOT_FOUR(load, type, tail, how)                                                                  \
-    how void pandis__dots_four_##tail(const type *w, const float *y, int rows, int stride, float *out,           \
-                                         int apart) {                                                            \
-        for (int i = 0; i < rows; i++, w += stride) {                                                            \
-            pandis__vector sum[4][PANDIS__PARTS];                                                                \
-            float lanes[4][PANDIS__LANES], four[4];                                                              \
-            memset(sum, 0, sizeof sum);                                                                          \
-            for (int j = 0; j < stride; j += PANDIS__LANES)                                                      \
-                for (int k = 0; k < PANDIS__PARTS; k++) {                                                        \
-                    pandis__vector v = load(w + j + k * PANDIS__VECTOR);                                         \
-                    for (int p = 0; p < 4; p++)                                                                  \
-                        sum[p][k] += v * pandis__load(y + p * (ptrdiff_t)stride + j + k * PANDIS__VECTOR);       \
-                }                                                                                                \
-            memcpy(lanes, sum, sizeof lanes);                                                                    \
-            pandis__fold(lanes, four);                                                                           \
-            for (int p = 0; p < 4; p++) out[p * (ptrdiff_t)apart + i] = four[p];                                 \
-        }                                                                                                        \
+#define PANDIS__DOT_FOUR(load, type, tail, how)                                                    \
+    how void pandis__dots_four_##tail(                                                             \
+        const type *w, const float *y, int rows, int stride, float *out, int apart) {              \
+        for (int i = 0; i < rows; i++, w += stride) {                                              \
+            pandis__vector sum[4][PANDIS__PARTS];                                                  \
+            float lanes[4][PANDIS__LANES], four[4];                                                \
+            memset(sum, 0, sizeof sum);                                                            \
+            for (int j = 0; j < stride; j += PANDIS__LANES)                                        \
+                for (int k = 0; k < PANDIS__PARTS; k++) {                                          \
+                    pandis__vector v = load(w + j + k * PANDIS__VECTOR);                           \
+                    for (int p = 0; p < 4; p++)                                                    \
+                        sum[p][k] +=                                                               \
+                            v * pandis__load(y + p * (ptrdiff_t)stride + j + k * PANDIS__VECTOR);  \
+                }                                                                                  \
+            memcpy(lanes, sum, sizeof lanes);                                                      \
+            pandis__fold(lanes, four);                                                             \
+            for (int p = 0; p < 4; p++) out[p * (ptrdiff_t)apart + i] = four[p];                   \
+        }                                                                                          \
     }
 PANDIS__KINDS(PANDIS__DOT_FOUR)
 
 /* Call one of the above, for one point or for four. */
-#define PANDIS__EITHER(load, type, tail, how)                                                                    \
-    how void pandis__sums_##tail(const type *w, const float *h, int rows, int stride, float *out, int count) {   \
-        if (count == 4)                                                                                          \
-            pandis__add_four_##tail(w, h, rows, stride, out);                                                    \
-        else                                                                                                     \
-            pandis__add_##tail(w, h, rows, stride, out);                                                         \
-    }                                                                                                            \
-    how void pandis__products_##tail(const type *w, const float *y, int rows, int stride, float *out,            \
-                                        int apart, int count) {                                                  \
-        if (count == 4)                                                                                          \
-            pandis__dots_four_##tail(w, y, rows, stride, out, apart);                                            \
-        else                                                                                                     \
-            pandis__dots_##tail(w, y, rows, stride, out);                                                        \
+#define PANDIS__EITHER(load, type, tail, how)                                                      \
+    how void pandis__sums_##tail(                                                                  \
+        const type *w, const float *h, int rows, int stride, float *out, int count) {              \
+        if (count == 4) pandis__add_four_##tail(w, h, rows, stride, out);                          \
+        else pandis__add_##tail(w, h, rows, stride, out);                                          \
+    }                                                                                              \
+    how void pandis__products_##tail(                                                              \
+        const type *w, const float *y, int rows, int stride, float *out, int apart, int count) {   \
+        if (count == 4) pandis__dots_four_##tail(w, y, rows, stride, out, apart);                  \
+        else pandis__dots_##tail(w, y, rows, stride, out);                                         \
     }
 PANDIS__KINDS(PANDIS__EITHER)
 
 #define PANDIS__ROOM (PANDIS__ROWS * (PANDIS_MOST_DEPTH + 2))
 
-/* Number of rows of memory that a network needs per point: a layer's input, its output, and slopes (of every layer if the
- * normal is the gradient). */
+/* Number of rows of memory that a network needs per point: a layer's input, its output, and slopes
+ * (of every layer if the normal is the gradient). */
 static int pandis__rows(const pandis__network *n) { return n->outputs == 1 ? n->depth + 2 : 3; }
 
 /* Whether four points at a time fit into the memory that one point of the largest network needs. */
@@ -2350,11 +2588,11 @@ static int pandis__fits_four(const pandis__network *n) {
     return 4 * (ptrdiff_t)n->stride * pandis__rows(n) <= PANDIS__ROOM;
 }
 
-/* Evaluate x -> sin(W x + b) ... -> phi and psi, or phi and its gradient; w0 is folded into W and b. Four points
- * share one pass over the weights; the answers are the same as for one. If normals are NULL, no gradient is
- * computed. */
-PANDIS__INLINE void pandis__answer_network_body(const pandis__network *n, int count, double (*u)[3], double *distance,
-                                                double (*normal)[3], pandis_flag *flag) {
+/* Evaluate x -> sin(W x + b) ... -> phi and psi, or phi and its gradient; w0 is folded into W and
+ * b. Four points share one pass over the weights; the answers are the same as for one. If normals
+ * are NULL, no gradient is computed. */
+PANDIS__INLINE void pandis__answer_network_body(const pandis__network *n, int count, double (*u)[3],
+    double *distance, double (*normal)[3], pandis_flag *flag) {
     float room[PANDIS__ROOM], result[4][4] = {{0}};
     double inside[4][3], outside[4];
     int stride = n->stride, own = n->outputs == 1;
@@ -2372,13 +2610,14 @@ PANDIS__INLINE void pandis__answer_network_body(const pandis__network *n, int co
         for (ptrdiff_t j = 0; j < all; j++) z[j] = 0;
         if (layer > 0 && n->hidden16)
             for (int p = 0; p < count; p++)
-                for (int i = 0; i < n->width; i++) h[p * (ptrdiff_t)stride + i] *= n->scales[at + i];
-        if (layer == 0)
-            PANDIS__CHOOSE(pandis__sums_f)(n->first, h, 3, stride, z, count);
+                for (int i = 0; i < n->width; i++)
+                    h[p * (ptrdiff_t)stride + i] *= n->scales[at + i];
+        if (layer == 0) PANDIS__CHOOSE(pandis__sums_f)(n->first, h, 3, stride, z, count);
         else if (n->hidden)
             PANDIS__CHOOSE(pandis__sums_f)(n->hidden + at * stride, h, n->width, stride, z, count);
         else
-            PANDIS__CHOOSE(pandis__sums_h)(n->hidden16 + at * stride, h, n->width, stride, z, count);
+            PANDIS__CHOOSE(pandis__sums_h)(
+                n->hidden16 + at * stride, h, n->width, stride, z, count);
         for (int p = 0; p < count; p++, z += stride, slope += stride)
             for (int j = 0; j < stride; j++) pandis__sine_cosine(z[j] + bias[j], z + j, slope + j);
         z -= all;
@@ -2387,23 +2626,28 @@ PANDIS__INLINE void pandis__answer_network_body(const pandis__network *n, int co
     }
     PANDIS__CHOOSE(pandis__products_f)(n->last, h, n->outputs, stride, result[0], 4, count);
     for (int p = 0; p < count; p++) {
-        for (int k = 0; k < n->outputs; k++) result[p][k] += n->biases[(ptrdiff_t)n->depth * stride + k];
+        for (int k = 0; k < n->outputs; k++)
+            result[p][k] += n->biases[(ptrdiff_t)n->depth * stride + k];
         distance[p] = (double)result[p][0];
         for (int k = 0; k < 3 && normal && !own; k++) normal[p][k] = (double)result[p][k + 1];
     }
     if (own && normal) {
         for (int p = 0; p < count; p++)
             for (int j = 0; j < stride; j++)
-                h[p * (ptrdiff_t)stride + j] = n->last[j] * slopes[(n->depth - 1) * all + p * (ptrdiff_t)stride + j];
+                h[p * (ptrdiff_t)stride + j] =
+                    n->last[j] * slopes[(n->depth - 1) * all + p * (ptrdiff_t)stride + j];
         for (int layer = n->depth - 1; layer > 0; layer--) {
             ptrdiff_t at = (ptrdiff_t)(layer - 1) * n->width;
             const float *slope = slopes + (layer - 1) * all;
             if (n->hidden)
-                PANDIS__CHOOSE(pandis__products_f)(n->hidden + at * stride, h, n->width, stride, z, stride, count);
+                PANDIS__CHOOSE(pandis__products_f)(
+                    n->hidden + at * stride, h, n->width, stride, z, stride, count);
             else
-                PANDIS__CHOOSE(pandis__products_h)(n->hidden16 + at * stride, h, n->width, stride, z, stride, count);
+                PANDIS__CHOOSE(pandis__products_h)(
+                    n->hidden16 + at * stride, h, n->width, stride, z, stride, count);
             for (int p = 0; p < count; p++, z += stride, slope += stride) {
-                for (int i = 0; i < n->width; i++) z[i] *= n->hidden ? slope[i] : n->scales[at + i] * slope[i];
+                for (int i = 0; i < n->width; i++)
+                    z[i] *= n->hidden ? slope[i] : n->scales[at + i] * slope[i];
                 for (int i = n->width; i < stride; i++) z[i] = 0;
             }
             z -= all;
@@ -2427,9 +2671,10 @@ PANDIS__INLINE void pandis__answer_network_body(const pandis__network *n, int co
 }
 
 PANDIS__COMPILE(pandis__answer_network,
-                (const pandis__network *n, int count, double (*u)[3], double *distance, double (*normal)[3], pandis_flag *flag),
-                (n, count, u, distance, normal, flag))
-/* ---------------------------------------------------------------- grids */
+    (const pandis__network *n, int count, double (*u)[3], double *distance, double (*normal)[3],
+        pandis_flag *flag),
+    (n, count, u, distance, normal, flag))
+/* -------------------- grids */
 
 enum { PANDIS__NEAREST, PANDIS__TRILINEAR, PANDIS__NORMAL, PANDIS__GRADIENT, PANDIS__TRICUBIC };
 
@@ -2440,7 +2685,8 @@ static const float *pandis__at(const pandis__grid *g, const int *i) {
 static double pandis__mix(double a, double b, double t) { return a * (1 - t) + b * t; }
 
 /* Find the corner values around a point, x slowest, and its position in the cell. */
-static void pandis__corners(const pandis__grid *g, const double *p, const float **corner, double *t) {
+static void pandis__corners(
+    const pandis__grid *g, const double *p, const float **corner, double *t) {
     int first[3];
     for (int k = 0; k < 3; k++) {
         double x = (p[k] - g->low[k]) * g->per_step[k], cell = floor(x);
@@ -2453,7 +2699,8 @@ static void pandis__corners(const pandis__grid *g, const double *p, const float 
     }
 }
 
-static pandis_flag pandis__answer_grid(const pandis__grid *g, const double *u, double *distance, double *normal) {
+static pandis_flag pandis__answer_grid(
+    const pandis__grid *g, const double *u, double *distance, double *normal) {
     double p[3], t[3], value[4] = {0}, outside = pandis__clamp_to(g->low, g->high, u, p);
     const float *corner[8];
     int cell[3], force = g->rule == PANDIS__NEAREST || g->rule == PANDIS__TRILINEAR;
@@ -2467,13 +2714,17 @@ static pandis_flag pandis__answer_grid(const pandis__grid *g, const double *u, d
         pandis__corners(g, p, corner, t);
         for (int c = 0; c < g->channels; c++) {
             double line[4];
-            for (int e = 0; e < 4; e++) line[e] = pandis__mix((double)corner[e][c], (double)corner[e + 4][c], t[0]);
-            double low = pandis__mix(line[0], line[2], t[1]), high = pandis__mix(line[1], line[3], t[1]);
+            for (int e = 0; e < 4; e++)
+                line[e] = pandis__mix((double)corner[e][c], (double)corner[e + 4][c], t[0]);
+            double low = pandis__mix(line[0], line[2], t[1]),
+                   high = pandis__mix(line[1], line[3], t[1]);
             value[c + (force ? 1 : 0)] = pandis__mix(low, high, t[2]);
             if (g->rule != PANDIS__GRADIENT) continue;
             double rise[4];
             for (int e = 0; e < 4; e++) rise[e] = (double)corner[e + 4][c] - (double)corner[e][c];
-            value[1] = g->per_step[0] * pandis__mix(pandis__mix(rise[0], rise[2], t[1]), pandis__mix(rise[1], rise[3], t[1]), t[2]);
+            value[1] = g->per_step[0] *
+                pandis__mix(
+                    pandis__mix(rise[0], rise[2], t[1]), pandis__mix(rise[1], rise[3], t[1]), t[2]);
             value[2] = g->per_step[1] * pandis__mix(line[2] - line[0], line[3] - line[1], t[2]);
             value[3] = g->per_step[2] * pandis__mix(line[1] - line[0], line[3] - line[2], t[1]);
         }
@@ -2490,42 +2741,47 @@ static pandis_flag pandis__answer_grid(const pandis__grid *g, const double *u, d
     int covered = g->covered[bit >> 3] >> (7 - (bit & 7)) & 1;
     return covered && outside == 0 ? PANDIS_OK : PANDIS_BOUND;
 }
-
-/* ---------------------------------------------------------------- banded splines */
+/* -------------------- banded splines */
 
 /* Restore stored coefficients, four at a time: coarse or far ones, and fine ones. */
 #ifdef PANDIS__FOUR_AT_ONCE
 typedef int16_t pandis__four_shorts __attribute__((vector_size(8), aligned(2), may_alias));
 typedef int8_t pandis__four_bytes __attribute__((vector_size(4), aligned(1), may_alias));
 typedef int32_t pandis__four_ints __attribute__((vector_size(16)));
-#define PANDIS__RESTORE(type, vector, tail)                                                                              \
-    PANDIS__INLINE void pandis__restore_##tail(const type *stored, double offset, double scale, float *c) {              \
-        pandis__four_ints whole = __builtin_convertvector(*(const vector *)stored, pandis__four_ints);                   \
-        *(pandis__four_floats *)c =                                                                                      \
-            __builtin_convertvector(offset + scale * __builtin_convertvector(whole, pandis__four), pandis__four_floats); \
+#define PANDIS__RESTORE(type, vector, tail)                                                        \
+    PANDIS__INLINE void pandis__restore_##tail(                                                    \
+        const type *stored, double offset, double scale, float *c) {                               \
+        pandis__four_ints whole =                                                                  \
+            __builtin_convertvector(*(const vector *)stored, pandis__four_ints);                   \
+        *(pandis__four_floats *)c = __builtin_convertvector(                                       \
+            offset + scale * __builtin_convertvector(whole, pandis__four), pandis__four_floats);   \
     }
 #else
-#define PANDIS__RESTORE(type, vector, tail)                                                                  \
-    PANDIS__INLINE void pandis__restore_##tail(const type *stored, double offset, double scale, float *c) {  \
-        for (int i = 0; i < 4; i++) c[i] = (float)(offset + scale * (double)stored[i]);                      \
+#define PANDIS__RESTORE(type, vector, tail)                                                        \
+    PANDIS__INLINE void pandis__restore_##tail(                                                    \
+        const type *stored, double offset, double scale, float *c) {                               \
+        for (int i = 0; i < 4; i++) c[i] = (float)(offset + scale * (double)stored[i]);            \
     }
 #endif
 PANDIS__RESTORE(int16_t, pandis__four_shorts, coarse)
 PANDIS__RESTORE(int8_t, pandis__four_bytes, fine)
 
-/* Collect the 64 coefficients around a point, block by block; blocks that are not stored give zeros. Returns whether any
- * block is stored; for the coarse lattice, which is useless if incomplete, whether all are. */
+/* Collect the 64 coefficients around a point, block by block; blocks that are not stored give
+ * zeros. Returns whether any block is stored; for the coarse lattice, which is useless if
+ * incomplete, whether all are. */
 PANDIS__INLINE int pandis__collect(const pandis__spline *s, int level, const int *first, float *c) {
     const pandis__layout *l = s->layout + level;
     int found = 0, low[3], blocks[3];
     double offset = s->offset[level], scale = s->scale[level];
     float room[6][6][6], own[8]; /* two or three blocks per axis */
     memset(room, 0, sizeof room);
-    for (int k = 0; k < 3; k++) low[k] = first[k] >> 1, blocks[k] = ((first[k] + 3) >> 1) - low[k] + 1;
+    for (int k = 0; k < 3; k++)
+        low[k] = first[k] >> 1, blocks[k] = ((first[k] + 3) >> 1) - low[k] + 1;
     for (int i = 0; i < blocks[0]; i++)
         for (int j = 0; j < blocks[1]; j++) {
             int bx = low[0] + i, by = low[1] + j, within = ((bx & 3) << 4) | ((by & 3) << 2);
-            const uint16_t *row = l->brick + ((ptrdiff_t)(bx >> 2) * l->bricks + (by >> 2)) * l->bricks;
+            const uint16_t *row =
+                l->brick + ((ptrdiff_t)(bx >> 2) * l->bricks + (by >> 2)) * l->bricks;
             float *line = room[2 * i][2 * j];
             for (int k = 0; k < blocks[2]; k++, line += 2) {
                 int bz = low[2] + k;
@@ -2534,10 +2790,8 @@ PANDIS__INLINE int pandis__collect(const pandis__spline *s, int level, const int
                 if (at < 0) continue;
                 found = 1;
                 for (int e = 0; e < 8; e += 4) {
-                    if (level)
-                        pandis__restore_fine(s->fine + at + e, offset, scale, own + e);
-                    else
-                        pandis__restore_coarse(s->coarse + at + e, offset, scale, own + e);
+                    if (level) pandis__restore_fine(s->fine + at + e, offset, scale, own + e);
+                    else pandis__restore_coarse(s->coarse + at + e, offset, scale, own + e);
                     memcpy(line + 9 * e, own + e, 2 * sizeof *own); /* strides: 36 in x, 6 in y */
                     memcpy(line + 9 * e + 6, own + e + 2, 2 * sizeof *own);
                 }
@@ -2545,14 +2799,15 @@ PANDIS__INLINE int pandis__collect(const pandis__spline *s, int level, const int
         }
     for (int x = 0; x < 4; x++)
         for (int y = 0; y < 4; y++)
-            memcpy(c + 16 * x + 4 * y, &room[x + (first[0] & 1)][y + (first[1] & 1)][first[2] & 1], 4 * sizeof *c);
+            memcpy(c + 16 * x + 4 * y, &room[x + (first[0] & 1)][y + (first[1] & 1)][first[2] & 1],
+                4 * sizeof *c);
     return found;
 }
 
-/* Add one level's value and gradient; returns as pandis__collect does. With a cache `cells` of this spline,
- * coefficients around recent points are not collected again. */
-PANDIS__INLINE int pandis__add_level(const pandis__spline *s, int level, const double *p, pandis__cells *cells,
-                                     double *value, double *gradient) {
+/* Add one level's value and gradient; returns as pandis__collect does. With a cache `cells` of this
+ * spline, coefficients around recent points are not collected again. */
+PANDIS__INLINE int pandis__add_level(const pandis__spline *s, int level, const double *p,
+    pandis__cells *cells, double *value, double *gradient) {
     const pandis__layout *l = s->layout + level;
     int first[3], known = 0;
     double w[3][4], dw[3][4];
@@ -2561,24 +2816,27 @@ PANDIS__INLINE int pandis__add_level(const pandis__spline *s, int level, const d
     int at = (first[0] & 7) << 6 | (first[1] & 7) << 3 | (first[2] & 7);
     if (cells) {
         c = cells->cell[level][at].c;
-        if (!memcmp(cells->cell[level][at].first, first, sizeof first)) known = cells->cell[level][at].known;
+        if (!memcmp(cells->cell[level][at].first, first, sizeof first))
+            known = cells->cell[level][at].known;
     }
     if (!known) {
         known = pandis__collect(s, level, first, c) + 1;
-        if (cells) memcpy(cells->cell[level][at].first, first, sizeof first), cells->cell[level][at].known = known;
+        if (cells)
+            memcpy(cells->cell[level][at].first, first, sizeof first),
+                cells->cell[level][at].known = known;
     }
     if (known > 1) pandis__tensor(c, w, dw, value, gradient);
     return known - 1;
 }
 
 /* Where two walls are about equally near, a spline rounds the crease between them: its gradient is
- * shorter than 1. The distance is linear towards the nearest wall. Therefore the spline is evaluated
- * nearer to it, where less is rounded, and extrapolated back. */
-#define PANDIS__LIFT 0.7    /* largest shift, in steps of the coarse lattice */
-#define PANDIS__SHORT 0.02  /* smallest deficit of the squared gradient */
+ * shorter than 1. The distance is linear towards the nearest wall. Therefore the spline is
+ * evaluated nearer to it, where less is rounded, and extrapolated back. */
+#define PANDIS__LIFT 0.7   /* largest shift, in steps of the coarse lattice */
+#define PANDIS__SHORT 0.02 /* smallest deficit of the squared gradient */
 
-PANDIS__INLINE void pandis__sharpen(const pandis__spline *s, const double *p, pandis__cells *cells, double *value,
-                                    double *gradient) {
+PANDIS__INLINE void pandis__sharpen(const pandis__spline *s, const double *p, pandis__cells *cells,
+    double *value, double *gradient) {
     double missing = (1 - pandis__dot(gradient, gradient) - PANDIS__SHORT) / (1 - PANDIS__SHORT);
     if (!(missing > 0 && *value < 0)) return;
     double lift = PANDIS__LIFT / s->layout[0].per_step, q[3], found = 0, normal[3] = {0};
@@ -2592,10 +2850,11 @@ PANDIS__INLINE void pandis__sharpen(const pandis__spline *s, const double *p, pa
     for (int k = 0; k < 3; k++) gradient[k] = slope * normal[k]; /* its length does not change */
 }
 
-PANDIS__INLINE void pandis__answer_spline_body(const pandis__spline *s, const double *u, pandis__cells *cells,
-                                               double *distance, double *normal, pandis_flag *flag) {
+PANDIS__INLINE void pandis__answer_spline_body(const pandis__spline *s, const double *u,
+    pandis__cells *cells, double *distance, double *normal, pandis_flag *flag) {
     double p[3], outside = pandis__clamp(u, p), value = 0, gradient[3] = {0};
-    for (int k = 0; k < 3; k++) p[k] = p[k] < -PANDIS__EDGE ? -PANDIS__EDGE : p[k] > PANDIS__EDGE ? PANDIS__EDGE : p[k];
+    for (int k = 0; k < 3; k++)
+        p[k] = p[k] < -PANDIS__EDGE ? -PANDIS__EDGE : p[k] > PANDIS__EDGE ? PANDIS__EDGE : p[k];
     *flag = PANDIS_OK;
     if (outside > 0 || !pandis__add_level(s, 0, p, cells, &value, gradient)) {
         int first[3];
@@ -2613,14 +2872,16 @@ PANDIS__INLINE void pandis__answer_spline_body(const pandis__spline *s, const do
         const pandis__layout *l = s->layout;
         ptrdiff_t block[3], count = 4 * (ptrdiff_t)l->bricks;
         for (int k = 0; k < 3; k++) {
-            double cell = floor(((p[k] - l->low) * l->per_step < l->size - 2 ? (p[k] - l->low) * l->per_step : l->size - 2) / 2);
+            double cell =
+                floor(((p[k] - l->low) * l->per_step < l->size - 2 ? (p[k] - l->low) * l->per_step
+                                                                   : l->size - 2) /
+                    2);
             block[k] = cell > 0 ? (ptrdiff_t)cell : 0;
         }
         ptrdiff_t bit = (block[0] * count + block[1]) * count + block[2];
         if ((s->side[bit >> 3] >> (7 - (bit & 7)) & 1) || outside > 0)
             value = (value > s->outside ? value : s->outside) + outside;
-        else
-            value = value < -s->inside ? value : -s->inside;
+        else value = value < -s->inside ? value : -s->inside;
         *flag = PANDIS_BOUND;
     } else {
         pandis__add_level(s, 1, p, cells, &value, gradient);
@@ -2631,17 +2892,17 @@ PANDIS__INLINE void pandis__answer_spline_body(const pandis__spline *s, const do
 }
 
 PANDIS__COMPILE(pandis__answer_spline,
-                (const pandis__spline *s, const double *u, pandis__cells *cells, double *distance, double *normal,
-                 pandis_flag *flag),
-                (s, u, cells, distance, normal, flag))
-
-/* ---------------------------------------------------------------- closed forms */
+    (const pandis__spline *s, const double *u, pandis__cells *cells, double *distance,
+        double *normal, pandis_flag *flag),
+    (s, u, cells, distance, normal, flag))
+/* -------------------- closed forms */
 
 enum { PANDIS__SPHERE, PANDIS__TORUS, PANDIS__BOX, PANDIS__CAPSULE };
 
-/* Evaluate a closed form in the units of its sizes. Sizes: sphere (radius), torus around z (ring, tube), box (half its
- * sides), capsule along z (radius, half its axis). */
-static void pandis__answer_shape(const pandis__shape *s, const double *p, double *distance, double *normal) {
+/* Evaluate a closed form in the units of its sizes. Sizes: sphere (radius), torus around z (ring,
+ * tube), box (half its sides), capsule along z (radius, half its axis). */
+static void pandis__answer_shape(
+    const pandis__shape *s, const double *p, double *distance, double *normal) {
     double offset[3] = {p[0], p[1], p[2]};
     if (s->shape == PANDIS__BOX) {
         double excess[3], out[3], most;
@@ -2671,10 +2932,11 @@ static void pandis__answer_shape(const pandis__shape *s, const double *p, double
     memcpy(normal, offset, sizeof offset);
     if (!(length > PANDIS__TINY)) normal[s->shape == PANDIS__CAPSULE ? 0 : 2] = 1;
 }
+/* -------------------- queries */
 
-/* ---------------------------------------------------------------- queries */
-
-PANDIS_API pandis_kind pandis_field_kind(const pandis_field *field) { return (pandis_kind)field->kind; }
+PANDIS_API pandis_kind pandis_field_kind(const pandis_field *field) {
+    return (pandis_kind)field->kind;
+}
 
 PANDIS_API size_t pandis_bytes(const pandis_field *field) { return field->size; }
 
@@ -2701,9 +2963,10 @@ static int pandis__unit(const pandis_field *field, const double *point, double *
 }
 
 /* Convert distance, direction and flag (unit frame) to an answer in mesh units. */
-static void pandis__tell(const pandis_field *field, double d, double *n, double clear, pandis_flag flag,
-                         pandis_answer *answer) {
-    if (flag != PANDIS_INVALID && !(fabs(d) <= 4e150 && pandis__dot(n, n) <= 1e300)) flag = PANDIS_INVALID;
+static void pandis__tell(const pandis_field *field, double d, double *n, double clear,
+    pandis_flag flag, pandis_answer *answer) {
+    if (flag != PANDIS_INVALID && !(fabs(d) <= 4e150 && pandis__dot(n, n) <= 1e300))
+        flag = PANDIS_INVALID;
     if (flag == PANDIS_INVALID || flag == PANDIS_BEYOND) {
         answer->distance = answer->normal[0] = answer->normal[1] = answer->normal[2] = (double)NAN;
         answer->slope = (double)NAN;
@@ -2720,23 +2983,30 @@ static void pandis__tell(const pandis_field *field, double d, double *n, double 
     answer->flag = flag, answer->face = answer->region = -1;
 }
 
-static void pandis__ask(const pandis_field *field, const double *point, pandis__start *begin, pandis__cells *cells,
-                        pandis_answer *answer) {
+static void pandis__ask(const pandis_field *field, const double *point, pandis__start *begin,
+    pandis__cells *cells, pandis_answer *answer) {
     double u[1][3], d = 0, n[1][3] = {{0}}, clear = 0;
     pandis_flag flag = PANDIS_INVALID;
     if (pandis__unit(field, point, u[0])) {
         switch (field->kind) {
-            case PANDIS_NETWORK: pandis__answer_network(&field->as.network, 1, u, &d, n, &flag); break;
-            case PANDIS_GRID: flag = pandis__answer_grid(&field->as.grid, u[0], &d, n[0]); break;
-            case PANDIS_SPLINE: pandis__answer_spline(&field->as.spline, u[0], cells, &d, n[0], &flag); break;
-            case PANDIS_MESH: flag = pandis__answer_mesh(&field->as.mesh, u[0], begin, &d, n[0], &clear); break;
-            case PANDIS_COMPACT: flag = pandis__answer_compact(&field->as.compact, u[0], begin, &d, n[0], &clear); break;
-            case PANDIS_SHAPE:
-                pandis__answer_shape(&field->as.shape, point, &d, n[0]);
-                d *= field->scale;
-                flag = fabs(u[0][0]) <= 1 && fabs(u[0][1]) <= 1 && fabs(u[0][2]) <= 1 ? PANDIS_OK : PANDIS_BOUND;
-                break;
-            default: break;
+        case PANDIS_NETWORK: pandis__answer_network(&field->as.network, 1, u, &d, n, &flag); break;
+        case PANDIS_GRID: flag = pandis__answer_grid(&field->as.grid, u[0], &d, n[0]); break;
+        case PANDIS_SPLINE:
+            pandis__answer_spline(&field->as.spline, u[0], cells, &d, n[0], &flag);
+            break;
+        case PANDIS_MESH:
+            flag = pandis__answer_mesh(&field->as.mesh, u[0], begin, &d, n[0], &clear);
+            break;
+        case PANDIS_COMPACT:
+            flag = pandis__answer_compact(&field->as.compact, u[0], begin, &d, n[0], &clear);
+            break;
+        case PANDIS_SHAPE:
+            pandis__answer_shape(&field->as.shape, point, &d, n[0]);
+            d *= field->scale;
+            flag = fabs(u[0][0]) <= 1 && fabs(u[0][1]) <= 1 && fabs(u[0][2]) <= 1 ? PANDIS_OK
+                                                                                  : PANDIS_BOUND;
+            break;
+        default: break;
         }
     }
     pandis__tell(field, d, n[0], clear, flag, answer);
@@ -2745,25 +3015,27 @@ static void pandis__ask(const pandis_field *field, const double *point, pandis__
     if (field->regions && begin->place >= 0) answer->region = field->regions[begin->place];
 }
 
-PANDIS_API void pandis_query(const pandis_field *field, const double point[3], pandis_answer *answer) {
+PANDIS_API void pandis_query(
+    const pandis_field *field, const double point[3], pandis_answer *answer) {
     pandis__start begin = PANDIS__ANYWHERE;
     pandis__ask(field, point, &begin, NULL, answer);
 }
 
-PANDIS_API void pandis_query_within(const pandis_field *field, const double point[3], double reach,
-                                    pandis_answer *answer) {
+PANDIS_API void pandis_query_within(
+    const pandis_field *field, const double point[3], double reach, pandis_answer *answer) {
     pandis__start begin = PANDIS__WITHIN(reach >= 0 ? reach * field->scale : (double)INFINITY);
     pandis__ask(field, point, &begin, NULL, answer);
 }
 
-/* The same as pandis_query_from. `cells` is a cache for splines, used with this field only and all zero before its first query;
- * NULL: no cache. */
-static void pandis__query_after(const pandis_field *field, const double *point, pandis_hint *hint, pandis__cells *cells,
-                                pandis_answer *answer) {
+/* The same as pandis_query_from. `cells` is a cache for splines, used with this field only and all
+ * zero before its first query; NULL: no cache. */
+static void pandis__query_after(const pandis_field *field, const double *point, pandis_hint *hint,
+    pandis__cells *cells, pandis_answer *answer) {
     pandis__start begin = PANDIS__ANYWHERE;
     double u[3], way[3];
     memcpy(begin.closest, hint->room + 1, sizeof begin.closest);
-    if (hint->room[0] == 1 && pandis__unit(field, point, u)) { /* the previous closest point may still be about as near */
+    /* the previous closest point may still be about as near */
+    if (hint->room[0] == 1 && pandis__unit(field, point, u)) {
         for (int k = 0; k < 3; k++) way[k] = u[k] - begin.closest[k];
         double guess = sqrt(pandis__dot(way, way));
         if (guess >= 0) begin.guess = guess;
@@ -2773,17 +3045,19 @@ static void pandis__query_after(const pandis_field *field, const double *point, 
     memcpy(hint->room + 1, begin.closest, sizeof begin.closest);
 }
 
-PANDIS_API void pandis_query_from(const pandis_field *field, const double point[3], pandis_hint *hint,
-                                  pandis_answer *answer) {
+PANDIS_API void pandis_query_from(
+    const pandis_field *field, const double point[3], pandis_hint *hint, pandis_answer *answer) {
     pandis__query_after(field, point, hint, NULL, answer);
 }
 
-PANDIS_API pandis_flag pandis_distance(const pandis_field *field, const double point[3], double *distance) {
+PANDIS_API pandis_flag pandis_distance(
+    const pandis_field *field, const double point[3], double *distance) {
     pandis_answer answer;
     double u[1][3], d = 0, none[3] = {0, 0, 1};
     pandis_flag flag = PANDIS_INVALID;
     if (field->kind == PANDIS_NETWORK && field->as.network.outputs == 1) {
-        if (pandis__unit(field, point, u[0])) pandis__answer_network(&field->as.network, 1, u, &d, NULL, &flag);
+        if (pandis__unit(field, point, u[0]))
+            pandis__answer_network(&field->as.network, 1, u, &d, NULL, &flag);
         pandis__tell(field, d, none, 0, flag, &answer);
     } else {
         pandis_query(field, point, &answer);
@@ -2792,7 +3066,8 @@ PANDIS_API pandis_flag pandis_distance(const pandis_field *field, const double p
     return answer.flag;
 }
 
-PANDIS_API pandis_flag pandis_force(const pandis_field *field, const double point[3], double stiffness, double force[3]) {
+PANDIS_API pandis_flag pandis_force(
+    const pandis_field *field, const double point[3], double stiffness, double force[3]) {
     pandis_answer answer;
     force[0] = force[1] = force[2] = 0;
     if (!(stiffness >= 0 && stiffness <= PANDIS__STIFFEST)) return PANDIS_INVALID;
@@ -2803,7 +3078,8 @@ PANDIS_API pandis_flag pandis_force(const pandis_field *field, const double poin
 }
 
 /* Query four points of a network, reading every weight once. */
-static void pandis__query_four(const pandis_field *field, const double *points, pandis_answer *answers) {
+static void pandis__query_four(
+    const pandis_field *field, const double *points, pandis_answer *answers) {
     double u[4][3], d[4], n[4][3];
     int finite[4];
     pandis_flag flag[4];
@@ -2812,19 +3088,18 @@ static void pandis__query_four(const pandis_field *field, const double *points, 
         for (int k = 0; k < 3 && !finite[p]; k++) u[p][k] = 0;
     }
     pandis__answer_network(&field->as.network, 4, u, d, n, flag);
-    for (int p = 0; p < 4; p++) pandis__tell(field, d[p], n[p], 0, finite[p] ? flag[p] : PANDIS_INVALID, answers + p);
+    for (int p = 0; p < 4; p++)
+        pandis__tell(field, d[p], n[p], 0, finite[p] ? flag[p] : PANDIS_INVALID, answers + p);
 }
 
-PANDIS_API void pandis_query_many(const pandis_field *field, const double *points, size_t count, double *distances,
-                                  double *normals, unsigned char *flags) {
+PANDIS_API void pandis_query_many(const pandis_field *field, const double *points, size_t count,
+    double *distances, double *normals, unsigned char *flags) {
     pandis_answer answers[4];
     size_t at_once = field->kind == PANDIS_NETWORK && pandis__fits_four(&field->as.network) ? 4 : 1;
     for (size_t i = 0, some; i < count; i += some) {
         some = count - i < at_once ? 1 : at_once;
-        if (some == 4)
-            pandis__query_four(field, points + 3 * i, answers);
-        else
-            pandis_query(field, points + 3 * i, answers);
+        if (some == 4) pandis__query_four(field, points + 3 * i, answers);
+        else pandis_query(field, points + 3 * i, answers);
         for (size_t k = 0; k < some; k++) {
             distances[i + k] = answers[k].distance;
             if (normals) memcpy(normals + 3 * (i + k), answers[k].normal, sizeof answers[k].normal);
@@ -2833,10 +3108,10 @@ PANDIS_API void pandis_query_many(const pandis_field *field, const double *point
     }
 }
 
-/* ---------------------------------------------------------------- derivatives of the distance */
+/* -------------------- derivatives of the distance */
 
-/* Finite-difference steps, unit frame: for a gradient in single precision, for a distance in single and in double
- * precision. */
+/* Finite-difference steps, unit frame: for a gradient in single precision, for a distance in single
+ * and in double precision. */
 #define PANDIS__STEP 1e-3
 #define PANDIS__WIDE_STEP 4e-3
 #define PANDIS__FINE_STEP 1e-4
@@ -2844,33 +3119,41 @@ PANDIS_API void pandis_query_many(const pandis_field *field, const double *point
 /* Second derivatives of the weights of pandis__weigh. */
 static void pandis__weigh_twice(double t, double per_step, double *ddw) {
     double square = per_step * per_step;
-    ddw[0] = (1 - t) * square, ddw[1] = (3 * t - 2) * square, ddw[2] = (1 - 3 * t) * square, ddw[3] = t * square;
+    ddw[0] = (1 - t) * square, ddw[1] = (3 * t - 2) * square, ddw[2] = (1 - 3 * t) * square,
+    ddw[3] = t * square;
 }
 
 /* Add the second derivatives of the spline that has these 64 coefficients around a point. */
-static void pandis__tensor_twice(const float *c, double (*w)[4], double (*dw)[4], double (*ddw)[4], double *hessian) {
+static void pandis__tensor_twice(
+    const float *c, double (*w)[4], double (*dw)[4], double (*ddw)[4], double *hessian) {
     double h[3][3] = {{0}};
     for (int x = 0; x < 4; x++)
         for (int y = 0; y < 4; y++)
             for (int z = 0; z < 4; z++) {
                 double r = (double)c[16 * x + 4 * y + z];
-                h[0][0] += r * ddw[0][x] * w[1][y] * w[2][z], h[0][1] += r * dw[0][x] * dw[1][y] * w[2][z];
-                h[1][1] += r * w[0][x] * ddw[1][y] * w[2][z], h[0][2] += r * dw[0][x] * w[1][y] * dw[2][z];
-                h[2][2] += r * w[0][x] * w[1][y] * ddw[2][z], h[1][2] += r * w[0][x] * dw[1][y] * dw[2][z];
+                h[0][0] += r * ddw[0][x] * w[1][y] * w[2][z],
+                    h[0][1] += r * dw[0][x] * dw[1][y] * w[2][z];
+                h[1][1] += r * w[0][x] * ddw[1][y] * w[2][z],
+                    h[0][2] += r * dw[0][x] * w[1][y] * dw[2][z];
+                h[2][2] += r * w[0][x] * w[1][y] * ddw[2][z],
+                    h[1][2] += r * w[0][x] * dw[1][y] * dw[2][z];
             }
     for (int i = 0; i < 9; i++) hessian[i] += i / 3 < i % 3 ? h[i / 3][i % 3] : h[i % 3][i / 3];
 }
 
 /* Find the cell of a point in a lattice, with all weights; returns 0 outside the lattice. */
-static int pandis__place_twice(int32_t size, double low, double per_step, const double *p, int *first, double (*w)[4],
-                               double (*dw)[4], double (*ddw)[4]) {
+static int pandis__place_twice(int32_t size, double low, double per_step, const double *p,
+    int *first, double (*w)[4], double (*dw)[4], double (*ddw)[4]) {
     if (!pandis__place(size, low, per_step, p, first, w, dw)) return 0;
-    for (int k = 0; k < 3; k++) pandis__weigh_twice((p[k] - low) * per_step - (first[k] + 1), per_step, ddw[k]);
+    for (int k = 0; k < 3; k++)
+        pandis__weigh_twice((p[k] - low) * per_step - (first[k] + 1), per_step, ddw[k]);
     return 1;
 }
 
-/* Compute the derivatives of a spline in its band; returns 0 elsewhere, and where pandis__sharpen changes the answer. */
-static int pandis__bend_spline(const pandis__spline *s, const double *u, double *gradient, double *hessian) {
+/* Compute the derivatives of a spline in its band; returns 0 elsewhere, and where pandis__sharpen
+ * changes the answer. */
+static int pandis__bend_spline(
+    const pandis__spline *s, const double *u, double *gradient, double *hessian) {
     double w[3][4], dw[3][4], ddw[3][4], value = 0;
     for (int k = 0; k < 3; k++)
         if (!(fabs(u[k]) < PANDIS__EDGE)) return 0;
@@ -2889,7 +3172,8 @@ static int pandis__bend_spline(const pandis__spline *s, const double *u, double 
 }
 
 /* Compute the derivatives of a distance grid; returns 0 outside its box. */
-static int pandis__bend_grid(const pandis__grid *g, const double *u, double *gradient, double *hessian) {
+static int pandis__bend_grid(
+    const pandis__grid *g, const double *u, double *gradient, double *hessian) {
     for (int k = 0; k < 3; k++)
         if (!(u[k] > g->low[k] && u[k] < g->high[k])) return 0;
     if (g->rule == PANDIS__TRICUBIC) {
@@ -2915,22 +3199,27 @@ static int pandis__bend_grid(const pandis__grid *g, const double *u, double *gra
         for (int k = 0; k < 3; k++) {
             int a = (k + 1) % 3, b = (k + 2) % 3;
             gradient[k] += value * dw[k] * w[a] * w[b];
-            hessian[3 * a + b] += value * w[k] * dw[a] * dw[b], hessian[3 * b + a] += value * w[k] * dw[a] * dw[b];
+            hessian[3 * a + b] += value * w[k] * dw[a] * dw[b],
+                hessian[3 * b + a] += value * w[k] * dw[a] * dw[b];
         }
     }
     return 1;
 }
 
-/* Compute the Hessian of the distance to a point or, if `along` is a unit vector, to a line; the answer is in mesh units. */
+/* Compute the Hessian of the distance to a point or, if `along` is a unit vector, to a line; the
+ * answer is in mesh units. */
 static void pandis__bend_round(const pandis_answer *answer, const double *along, double *hessian) {
     for (int i = 0; i < 9; i++) {
         double rest = (i % 4 == 0) - answer->normal[i / 3] * answer->normal[i % 3];
-        hessian[i] = answer->distance != 0 ? (rest - along[i / 3] * along[i % 3]) / answer->distance : 0;
+        hessian[i] =
+            answer->distance != 0 ? (rest - along[i / 3] * along[i % 3]) / answer->distance : 0;
     }
 }
 
-/* Compute the second derivatives of a closed form, which is flat, or round about a point or a line. */
-static void pandis__bend_shape(const pandis__shape *s, const double *p, const pandis_answer *answer, double *hessian) {
+/* Compute the second derivatives of a closed form, which is flat, or round about a point or a line.
+ */
+static void pandis__bend_shape(
+    const pandis__shape *s, const double *p, const pandis_answer *answer, double *hessian) {
     double along[3] = {0, 0, 0};
     pandis_answer round = *answer;
     if (s->shape == PANDIS__BOX) { /* faces are flat; edges are lines; corners are points */
@@ -2949,29 +3238,36 @@ static void pandis__bend_shape(const pandis__shape *s, const double *p, const pa
     pandis__bend_round(&round, along, hessian);
     if (s->shape != PANDIS__TORUS) return;
     double flat = sqrt(p[0] * p[0] + p[1] * p[1]);
-    double bend = flat > PANDIS__TINY ? (p[0] * answer->normal[0] + p[1] * answer->normal[1]) / (flat * flat) : 0;
+    double bend = flat > PANDIS__TINY
+        ? (p[0] * answer->normal[0] + p[1] * answer->normal[1]) / (flat * flat)
+        : 0;
     for (int i = 0; i < 9; i++) hessian[i] += bend * (along[i / 3] * along[i % 3]);
 }
 
 /* Query a point at an offset along an axis. */
-static void pandis__query_beside(const pandis_field *field, const double *point, double step, int axis, pandis_answer *answer) {
+static void pandis__query_beside(
+    const pandis_field *field, const double *point, double step, int axis, pandis_answer *answer) {
     double beside[3] = {point[0], point[1], point[2]};
     beside[axis] += step;
     pandis_query(field, beside, answer);
 }
 
 /* Compute finite differences: of the answers' gradients if `own`, else of distances. */
-static void pandis__differ(const pandis_field *field, const double *point, int own, const pandis_answer *here,
-                           double *gradient, double *hessian) {
-    double step = own ? PANDIS__STEP : field->kind == PANDIS_NETWORK ? PANDIS__WIDE_STEP : PANDIS__FINE_STEP;
+static void pandis__differ(const pandis_field *field, const double *point, int own,
+    const pandis_answer *here, double *gradient, double *hessian) {
+    double step = own                   ? PANDIS__STEP
+        : field->kind == PANDIS_NETWORK ? PANDIS__WIDE_STEP
+                                        : PANDIS__FINE_STEP;
     step /= field->scale;
     pandis_answer high, low, corner[4];
     for (int i = 0; i < 3; i++) {
-        pandis__query_beside(field, point, step, i, &high), pandis__query_beside(field, point, -step, i, &low);
+        pandis__query_beside(field, point, step, i, &high),
+            pandis__query_beside(field, point, -step, i, &low);
         if (own) {
             gradient[i] = here->slope * here->normal[i];
             for (int k = 0; k < 3; k++) {
-                double rise = (high.slope * high.normal[k] - low.slope * low.normal[k]) / (4 * step);
+                double rise =
+                    (high.slope * high.normal[k] - low.slope * low.normal[k]) / (4 * step);
                 hessian[3 * i + k] += rise, hessian[3 * k + i] += rise;
             }
             continue;
@@ -2984,20 +3280,22 @@ static void pandis__differ(const pandis_field *field, const double *point, int o
                 beside[i] += c & 1 ? step : -step;
                 pandis__query_beside(field, beside, c & 2 ? step : -step, k, corner + c);
             }
-            double mixed = corner[3].distance - corner[2].distance - corner[1].distance + corner[0].distance;
+            double mixed =
+                corner[3].distance - corner[2].distance - corner[1].distance + corner[0].distance;
             hessian[3 * i + k] = hessian[3 * k + i] = mixed / (4 * step * step);
         }
     }
 }
 
-PANDIS_API pandis_flag pandis_derivatives(const pandis_field *field, const double point[3], double gradient[3],
-                                          double hessian[9]) {
+PANDIS_API pandis_flag pandis_derivatives(
+    const pandis_field *field, const double point[3], double gradient[3], double hessian[9]) {
     pandis__start begin = PANDIS__ANYWHERE;
     pandis_answer answer;
     double u[3] = {0, 0, 0}, own[3] = {0, 0, 0}, bend[9] = {0};
     int kind = field->kind, by_formula = 1;
     pandis__ask(field, point, &begin, NULL, &answer);
-    if (kind == PANDIS_GRID && field->as.grid.rule <= PANDIS__TRILINEAR) answer.flag = PANDIS_INVALID;
+    if (kind == PANDIS_GRID && field->as.grid.rule <= PANDIS__TRILINEAR)
+        answer.flag = PANDIS_INVALID;
     if (answer.flag == PANDIS_INVALID) {
         for (int i = 0; i < 3; i++) gradient[i] = (double)NAN;
         for (int i = 0; i < 9; i++) hessian[i] = (double)NAN;
@@ -3005,31 +3303,35 @@ PANDIS_API pandis_flag pandis_derivatives(const pandis_field *field, const doubl
     }
     pandis__unit(field, point, u);
     if (kind == PANDIS_MESH || kind == PANDIS_COMPACT) {
-        if (begin.round && fabs(answer.distance) * field->scale > 1e-9) pandis__bend_round(&answer, begin.along, bend);
+        if (begin.round && fabs(answer.distance) * field->scale > 1e-9)
+            pandis__bend_round(&answer, begin.along, bend);
     } else if (kind == PANDIS_SHAPE) {
         pandis__bend_shape(&field->as.shape, point, &answer, bend);
     } else {
-        if (answer.flag != PANDIS_OK || kind == PANDIS_NETWORK)
-            by_formula = 0;
+        if (answer.flag != PANDIS_OK || kind == PANDIS_NETWORK) by_formula = 0;
         else
-            by_formula = kind == PANDIS_SPLINE ? pandis__bend_spline(&field->as.spline, u, own, bend)
-                                               : pandis__bend_grid(&field->as.grid, u, own, bend);
-        for (int i = 0; i < 9; i++) bend[i] *= field->scale; /* not squared: distances are scaled, too */
+            by_formula = kind == PANDIS_SPLINE
+                ? pandis__bend_spline(&field->as.spline, u, own, bend)
+                : pandis__bend_grid(&field->as.grid, u, own, bend);
+        /* not squared: distances are scaled, too */
+        for (int i = 0; i < 9; i++) bend[i] *= field->scale;
     }
-    if (kind == PANDIS_MESH || kind == PANDIS_COMPACT || kind == PANDIS_SHAPE) memcpy(own, answer.normal, sizeof own);
+    if (kind == PANDIS_MESH || kind == PANDIS_COMPACT || kind == PANDIS_SHAPE)
+        memcpy(own, answer.normal, sizeof own);
     if (!by_formula) {
         /* in its box the normal of such a network is the gradient of its distance */
-        int gradients = kind == PANDIS_NETWORK && field->as.network.outputs == 1 && answer.flag == PANDIS_OK;
+        int gradients =
+            kind == PANDIS_NETWORK && field->as.network.outputs == 1 && answer.flag == PANDIS_OK;
         memset(bend, 0, sizeof bend);
         pandis__differ(field, point, gradients, &answer, own, bend);
     }
     memcpy(gradient, own, sizeof own), memcpy(hessian, bend, sizeof bend);
     return answer.flag;
 }
-/* ---------------------------------------------------------------- meshes that move
+/* -------------------- meshes that move
  *
- * A refit writes only the vertices and the boxes around them: queries compute triangles and vertex normals from the
- * vertices where they are needed. */
+ * A refit writes only the vertices and the boxes around them: queries compute triangles and vertex
+ * normals from the vertices where they are needed. */
 
 static uint64_t pandis__whole_words(uint64_t bytes) { return (bytes + 7) / 8 * 8; }
 
@@ -3040,14 +3342,17 @@ PANDIS_API size_t pandis_vertex_count(const pandis_field *field) {
 PANDIS_API size_t pandis_refit_room(const pandis_field *field) {
     const pandis__mesh *m = &field->as.mesh;
     if (field->kind != PANDIS_MESH) return 0;
-    uint64_t v = (uint64_t)m->vertex_count, f = (uint64_t)m->face_count, n = (uint64_t)m->node_count;
+    uint64_t v = (uint64_t)m->vertex_count, f = (uint64_t)m->face_count,
+             n = (uint64_t)m->node_count;
     uint64_t leaves = (uint64_t)m->leaf_count, corners = leaves * PANDIS__WIDTH * 3;
-    uint64_t lists = pandis__whole_words(sizeof(int32_t) * (v + 1 + 3 * f + corners) + 2 * sizeof(float) * leaves);
+    uint64_t lists = pandis__whole_words(
+        sizeof(int32_t) * (v + 1 + 3 * f + corners) + 2 * sizeof(float) * leaves);
     return (size_t)(3 * v * sizeof(double) + n * sizeof(pandis__node) + lists);
 }
 
 /* Compute the box around a leaf, and the error bounds of its distances. */
-static void pandis__refit_leaf(const pandis__mesh *m, int32_t leaf, float pad, float *low, float *high, float *slack) {
+static void pandis__refit_leaf(
+    const pandis__mesh *m, int32_t leaf, float pad, float *low, float *high, float *slack) {
     float v[3][3][PANDIS__WIDTH];
     const double *base = m->vertices + 3 * (ptrdiff_t)*pandis__leaf_vertices(m, leaf);
     pandis__moved_triangles(m, leaf, base, v);
@@ -3056,13 +3361,15 @@ static void pandis__refit_leaf(const pandis__mesh *m, int32_t leaf, float pad, f
         float least[PANDIS__WIDTH], most[PANDIS__WIDTH];
         for (int i = 0; i < PANDIS__WIDTH; i++) {
             float x = v[0][k][i], y = v[1][k][i], z = v[2][k][i];
-            least[i] = x < y ? (x < z ? x : z) : (y < z ? y : z), most[i] = x > y ? (x > z ? x : z) : (y > z ? y : z);
+            least[i] = x < y ? (x < z ? x : z) : (y < z ? y : z),
+            most[i] = x > y ? (x > z ? x : z) : (y > z ? y : z);
         }
         for (int i = 1; i < PANDIS__WIDTH; i++) {
             least[0] = least[i] < least[0] ? least[i] : least[0];
             most[0] = most[i] > most[0] ? most[i] : most[0];
         }
-        low[k] = (float)(base[k] + (double)least[0]) - pad, high[k] = (float)(base[k] + (double)most[0]) + pad;
+        low[k] = (float)(base[k] + (double)least[0]) - pad,
+        high[k] = (float)(base[k] + (double)most[0]) + pad;
     }
 }
 
@@ -3080,14 +3387,16 @@ static void pandis__refit_boxes(const pandis__mesh *m, pandis__node *nodes, floa
             for (int lane = 0; child >= 0 && lane < PANDIS__WIDTH; lane++)
                 for (int k = 0; k < 3; k++) {
                     float below = nodes[child].low[k][lane], above = nodes[child].high[k][lane];
-                    low[k] = below < low[k] ? below : low[k], high[k] = above > high[k] ? above : high[k];
+                    low[k] = below < low[k] ? below : low[k],
+                    high[k] = above > high[k] ? above : high[k];
                 }
             for (int k = 0; k < 3; k++) node->low[k][i] = low[k], node->high[k][i] = high[k];
         }
     }
 }
 
-PANDIS__ONCE PANDIS_API pandis_error pandis_refit_open(pandis_field *moving, const pandis_field *field, void *room, size_t size) {
+PANDIS__ONCE PANDIS_API pandis_error pandis_refit_open(
+    pandis_field *moving, const pandis_field *field, void *room, size_t size) {
     if (field->kind != PANDIS_MESH) return PANDIS_ERROR_CONTENT;
     if (size < pandis_refit_room(field)) return PANDIS_ERROR_COUNT;
     if ((uintptr_t)room % 8) return PANDIS_ERROR_ALIGNMENT;
@@ -3098,7 +3407,8 @@ PANDIS__ONCE PANDIS_API pandis_error pandis_refit_open(pandis_field *moving, con
     int32_t *around = (int32_t *)(void *)(nodes + n), *corners_at = around + v + 1;
     memcpy(vertices, m->vertices, 3 * v * sizeof *vertices);
     memcpy(nodes, m->nodes, n * sizeof *nodes);
-    /* the corners at each vertex, in the order of faces in which the original normals were summed */
+    /* the corners at each vertex, in the order of faces in which the original normals were summed
+     */
     memset(around, 0, (v + 1) * sizeof *around);
     for (size_t i = 0; i < 3 * f; i++) around[m->faces[i]]++;
     int32_t before = 0;
@@ -3115,14 +3425,15 @@ PANDIS__ONCE PANDIS_API pandis_error pandis_refit_open(pandis_field *moving, con
             const pandis__leaf *l = m->leaves + leaf;
             *listed++ = m->faces[3 * (ptrdiff_t)l->face[l->face[i / 3] < 0 ? 0 : i / 3] + i % 3];
         }
-    float(*slacks)[2] = (float(*)[2])(void *)listed;
+    float (*slacks)[2] = (float (*)[2])(void *)listed;
     for (int32_t leaf = 0; leaf < m->leaf_count; leaf++)
         slacks[leaf][0] = m->leaves[leaf].slack, slacks[leaf][1] = m->leaves[leaf].share;
     *moving = *field;
     moving->mapped = 0; /* the bytes belong to the field, which frees them */
     pandis__mesh *own = &moving->as.mesh;
-    own->vertices = vertices, own->nodes = nodes, own->around = around, own->corners_at = corners_at;
-    own->slacks = (const float(*)[2])slacks;
+    own->vertices = vertices, own->nodes = nodes, own->around = around,
+    own->corners_at = corners_at;
+    own->slacks = (const float (*)[2])slacks;
     own->vertex_normals = NULL;
     own->most = INT32_MAX; /* no budget is known that suits all shapes */
     return PANDIS_SUCCESS;
@@ -3132,10 +3443,10 @@ PANDIS_API pandis_error pandis_refit(pandis_field *moving, const double *vertice
     pandis__mesh *m = &moving->as.mesh;
     if (moving->kind != PANDIS_MESH || !m->around) return PANDIS_ERROR_CONTENT;
     if (count != (size_t)m->vertex_count) return PANDIS_ERROR_COUNT;
-    int good = 1;
+    int good = 1; /* 0 for NaN, too */
     for (int k = 0; k < 3; k++)
         for (size_t i = 0; i < count; i++)
-            good &= fabs((vertices[3 * i + (size_t)k] - moving->centre[k]) * moving->scale) <= 1e30; /* false for NaN */
+            good &= fabs((vertices[3 * i + (size_t)k] - moving->centre[k]) * moving->scale) <= 1e30;
     if (!good) return PANDIS_ERROR_VERTEX;
     double *own = (double *)(uintptr_t)m->vertices, most = 0; /* the room is the caller's */
     double low[3], high[3];
@@ -3150,17 +3461,17 @@ PANDIS_API pandis_error pandis_refit(pandis_field *moving, const double *vertice
         most = fmax(most, fmax(-low[k], high[k]));
     }
     m->reach = most;
-    pandis__refit_boxes(m, (pandis__node *)(uintptr_t)m->nodes, (float(*)[2])(uintptr_t)m->slacks);
+    pandis__refit_boxes(m, (pandis__node *)(uintptr_t)m->nodes, (float (*)[2])(uintptr_t)m->slacks);
     return PANDIS_SUCCESS;
 }
 
-
-/* ---------------------------------------------------------------- meshes that another thread moves */
+/* -------------------- meshes that another thread moves */
 
 #if defined(__GNUC__) || defined(_MSC_VER)
 #define PANDIS__NEW 4
 
-/* Exchange a number atomically; returns the old one. A thread that reads the number also sees all earlier writes. */
+/* Exchange a number atomically; returns the old one. A thread that reads the number also sees all
+ * earlier writes. */
 static int32_t pandis__exchange(volatile int32_t *where, int32_t number) {
 #if defined(__GNUC__)
     return __atomic_exchange_n(where, number, __ATOMIC_ACQ_REL);
@@ -3177,14 +3488,18 @@ static int32_t pandis__peek(const volatile int32_t *where) {
 #endif
 }
 
-PANDIS_API size_t pandis_handover_room(const pandis_field *field) { return 3 * pandis_refit_room(field); }
+PANDIS_API size_t pandis_handover_room(const pandis_field *field) {
+    return 3 * pandis_refit_room(field);
+}
 
-PANDIS__ONCE PANDIS_API pandis_error pandis_handover_open(pandis_handover *handover, const pandis_field *field, void *room, size_t size) {
+PANDIS__ONCE PANDIS_API pandis_error pandis_handover_open(
+    pandis_handover *handover, const pandis_field *field, void *room, size_t size) {
     pandis__handover *h = pandis__handover_of(handover);
     size_t each = pandis_refit_room(field);
     if (size < 3 * each) return PANDIS_ERROR_COUNT;
     for (int i = 0; i < 3; i++) {
-        pandis_error error = pandis_refit_open(h->shapes + i, field, (unsigned char *)room + (size_t)i * each, each);
+        pandis_error error =
+            pandis_refit_open(h->shapes + i, field, (unsigned char *)room + (size_t)i * each, each);
         if (error) return error;
     }
     h->writing = 0, h->asking = 1;
@@ -3192,7 +3507,8 @@ PANDIS__ONCE PANDIS_API pandis_error pandis_handover_open(pandis_handover *hando
     return PANDIS_SUCCESS;
 }
 
-PANDIS_API pandis_error pandis_handover_refit(pandis_handover *handover, const double *vertices, size_t count) {
+PANDIS_API pandis_error pandis_handover_refit(
+    pandis_handover *handover, const double *vertices, size_t count) {
     pandis__handover *h = pandis__handover_of(handover);
     pandis_error error = pandis_refit(h->shapes + h->writing, vertices, count);
     if (!error) h->writing = pandis__exchange(&h->waiting, h->writing | PANDIS__NEW) & 3;
@@ -3201,26 +3517,32 @@ PANDIS_API pandis_error pandis_handover_refit(pandis_handover *handover, const d
 
 PANDIS_API int pandis_handover_take(pandis_handover *handover, pandis_field *moving) {
     pandis__handover *h = pandis__handover_of(handover);
-    int is_new = (pandis__peek(&h->waiting) & PANDIS__NEW) != 0; /* only this thread clears the flag */
+    /* only this thread clears the flag */
+    int is_new = (pandis__peek(&h->waiting) & PANDIS__NEW) != 0;
     if (is_new) h->asking = pandis__exchange(&h->waiting, h->asking) & 3;
     *moving = h->shapes[h->asking];
     return is_new;
 }
 #endif
-/* ---------------------------------------------------------------- scenes */
+/* -------------------- scenes */
 
 /* Transform a point of the scene into the coordinates of an object's mesh. */
 static void pandis__enter(const pandis_object *o, const double *point, double *p) {
     double off[3];
     for (int k = 0; k < 3; k++) off[k] = point[k] - o->translation[k];
     for (int k = 0; k < 3; k++)
-        p[k] = (o->rotation[k] * off[0] + o->rotation[3 + k] * off[1] + o->rotation[6 + k] * off[2]) / o->scale;
+        p[k] =
+            (o->rotation[k] * off[0] + o->rotation[3 + k] * off[1] + o->rotation[6 + k] * off[2]) /
+            o->scale;
 }
 
-/* Query a point in the mesh's coordinates, and add its penalty force: none outside, or without an answer. */
-static void pandis__add_force(const pandis_object *o, const double *p, pandis_answer *answer, double *force) {
+/* Query a point in the mesh's coordinates, and add its penalty force: none outside, or without an
+ * answer. */
+static void pandis__add_force(
+    const pandis_object *o, const double *p, pandis_answer *answer, double *force) {
     pandis_query(o->field, p, answer);
-    double push = answer->distance < 0 ? -o->stiffness * (answer->distance * o->scale) : 0; /* false for NaN */
+    /* false for NaN */
+    double push = answer->distance < 0 ? -o->stiffness * (answer->distance * o->scale) : 0;
     if (!(push > 0)) return;
     for (int k = 0; k < 3; k++) {
         const double *row = o->rotation + 3 * k;
@@ -3228,7 +3550,8 @@ static void pandis__add_force(const pandis_object *o, const double *p, pandis_an
     }
 }
 
-PANDIS_API pandis_flag pandis_object_force(const pandis_object *object, const double point[3], double force[3]) {
+PANDIS_API pandis_flag pandis_object_force(
+    const pandis_object *object, const double point[3], double force[3]) {
     pandis_answer answer;
     double p[3];
     force[0] = force[1] = force[2] = 0;
@@ -3255,16 +3578,19 @@ static int pandis__places(const double *rotation, const double *translation) {
 
 static int pandis__lies(const pandis_object *o) {
     if (!o->field || !o->field->kind || !pandis__places(o->rotation, o->translation)) return 0;
-    return o->scale >= 1e-100 && o->scale <= 1e100 && o->stiffness >= 0 && o->stiffness <= PANDIS__STIFFEST;
+    return o->scale >= 1e-100 && o->scale <= 1e100 && o->stiffness >= 0 &&
+        o->stiffness <= PANDIS__STIFFEST;
 }
 
-/* A scene keeps two balls per object in which it cannot be touched: one for penalty forces, one for contacts, whose
- * proxies may be elsewhere. Centres and squared radii are stored in blocks, coordinate by coordinate. */
+/* A scene keeps two balls per object in which it cannot be touched: one for penalty forces, one for
+ * contacts, whose proxies may be elsewhere. Centres and squared radii are stored in blocks,
+ * coordinate by coordinate. */
 enum { PANDIS__OF_FORCES, PANDIS__OF_CONTACTS };
 
 static double *pandis__ball(const pandis__scene *scene, int use, size_t object) {
     double *balls = scene->room + (size_t)use * (PANDIS_SCENE_ROOM(scene->count) / 2);
-    return balls + object / PANDIS_SCENE_BLOCK * 4 * PANDIS_SCENE_BLOCK + object % PANDIS_SCENE_BLOCK;
+    return balls + object / PANDIS_SCENE_BLOCK * 4 * PANDIS_SCENE_BLOCK +
+        object % PANDIS_SCENE_BLOCK;
 }
 
 static void pandis__keep_ball(double *ball, const double *centre, double radius) {
@@ -3272,7 +3598,8 @@ static void pandis__keep_ball(double *ball, const double *centre, double radius)
     ball[3 * PANDIS_SCENE_BLOCK] = radius > 0 ? radius * radius : -1;
 }
 
-/* Distance from a point (unit frame) within which nothing can be touched, by the bounds of the surface. */
+/* Distance from a point (unit frame) within which nothing can be touched, by the bounds of the
+ * surface. */
 static double pandis__clearance(const pandis_field *f, const double *u) {
     double off[3];
     for (int k = 0; k < 3; k++) {
@@ -3290,7 +3617,8 @@ static pandis_flag pandis__worse(pandis_flag one, pandis_flag other) {
 }
 
 /* Query an object if it may be touched at a point; keep the ball where it cannot be. */
-static pandis_flag pandis__visit(pandis__scene *scene, size_t index, const double *point, double *force) {
+static pandis_flag pandis__visit(
+    pandis__scene *scene, size_t index, const double *point, double *force) {
     const pandis_object *o = scene->objects + index;
     const pandis_field *f = o->field;
     double p[3], u[3], size = 0;
@@ -3309,10 +3637,12 @@ static pandis_flag pandis__visit(pandis__scene *scene, size_t index, const doubl
         scene->queries++;
         flag = answer.flag;
         double away = flag == PANDIS_CUT && answer.distance > 0 ? answer.clear : answer.distance;
-        if (inside && flag != PANDIS_INVALID) clear = away * f->scale - f->margin[flag == PANDIS_BOUND];
+        if (inside && flag != PANDIS_INVALID)
+            clear = away * f->scale - f->margin[flag == PANDIS_BOUND];
     }
     /* less rounding errors, and the stretch of a rotation that is exact only within 1e-6 */
-    pandis__keep_ball(pandis__ball(scene, PANDIS__OF_FORCES, index), point, clear * (o->scale / f->scale) * (1 - 4e-6) - 1e-12 * size);
+    pandis__keep_ball(pandis__ball(scene, PANDIS__OF_FORCES, index), point,
+        clear * (o->scale / f->scale) * (1 - 4e-6) - 1e-12 * size);
     return flag;
 }
 
@@ -3330,8 +3660,8 @@ PANDIS_API pandis_error pandis_scene_moved(pandis_scene *scene, size_t object) {
     return object < s->count ? pandis__wake_object(s, object) : PANDIS_ERROR_COUNT;
 }
 
-PANDIS__ONCE PANDIS_API pandis_error pandis_scene_open(pandis_scene *scene, const pandis_object *objects, size_t count, double *room,
-                                          size_t room_length) {
+PANDIS__ONCE PANDIS_API pandis_error pandis_scene_open(pandis_scene *scene,
+    const pandis_object *objects, size_t count, double *room, size_t room_length) {
     const double origin[3] = {0};
     pandis__scene *s = pandis__scene_of(scene);
     pandis_error error = PANDIS_SUCCESS;
@@ -3347,10 +3677,14 @@ PANDIS__ONCE PANDIS_API pandis_error pandis_scene_open(pandis_scene *scene, cons
     return error;
 }
 
-PANDIS_API size_t pandis_scene_queries(const pandis_scene *scene) { return pandis__scene_in(scene)->queries; }
+PANDIS_API size_t pandis_scene_queries(const pandis_scene *scene) {
+    return pandis__scene_in(scene)->queries;
+}
 
-/* Find the next object, from `from` on, that may be touched at a point; the count if there is none. */
-static size_t pandis__next_awake(const pandis__scene *scene, int use, size_t from, const double *point) {
+/* Find the next object, from `from` on, that may be touched at a point; the count if there is none.
+ */
+static size_t pandis__next_awake(
+    const pandis__scene *scene, int use, size_t from, const double *point) {
     size_t start = from - from % PANDIS_SCENE_BLOCK;
     for (; start < scene->count; start += PANDIS_SCENE_BLOCK, from = start) {
         const double *ball = pandis__ball(scene, use, start);
@@ -3370,7 +3704,8 @@ static size_t pandis__next_awake(const pandis__scene *scene, int use, size_t fro
     return scene->count;
 }
 
-PANDIS_API pandis_flag pandis_scene_force(pandis_scene *scene, const double point[3], double force[3]) {
+PANDIS_API pandis_flag pandis_scene_force(
+    pandis_scene *scene, const double point[3], double force[3]) {
     pandis__scene *s = pandis__scene_of(scene);
     pandis_flag worst = PANDIS_OK;
     force[0] = force[1] = force[2] = 0;
@@ -3382,7 +3717,7 @@ PANDIS_API pandis_flag pandis_scene_force(pandis_scene *scene, const double poin
     return worst;
 }
 
-/* ---------------------------------------------------------------- poses that another thread hands over */
+/* -------------------- poses that another thread hands over */
 
 #if defined(__GNUC__) || defined(_MSC_VER)
 #define PANDIS__HALF_TURN 3.1415926535897932
@@ -3415,8 +3750,8 @@ static void pandis__turn_by(const double *p, const double *q, double *both) {
     both[3] = p[0] * q[3] + p[1] * q[2] - p[2] * q[1] + p[3] * q[0];
 }
 
-/* Compute the rotation by a spin in `dt` seconds, at most half a turn, from a series for a sixteenth of it: the sines of
- * libraries differ in their last bits. */
+/* Compute the rotation by a spin in `dt` seconds, at most half a turn, from a series for a
+ * sixteenth of it: the sines of libraries differ in their last bits. */
 static void pandis__spun(const double *spin, double dt, double *q) {
     double half[3], whole[4];
     for (int k = 0; k < 3; k++) half[k] = spin[k] * dt / 32;
@@ -3434,21 +3769,24 @@ static void pandis__spun(const double *spin, double dt, double *q) {
 static void pandis__turned(const double *q, double *r) {
     double w = q[0], x = q[1], y = q[2], z = q[3];
     const double made[9] = {1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y),
-                            2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x),
-                            2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)};
+        2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x), 2 * (x * z - w * y),
+        2 * (y * z + w * x), 1 - 2 * (x * x + y * y)};
     memcpy(r, made, sizeof made);
 }
 
 /* The current path of an object: quaternion and translation at both ends. */
-static double *pandis__way_of(const pandis__poses *poses, size_t object) { return poses->ways + 14 * object; }
+static double *pandis__way_of(const pandis__poses *poses, size_t object) {
+    return poses->ways + 14 * object;
+}
 
-PANDIS__ONCE PANDIS_API pandis_error pandis_poses_open(pandis_poses *handle, pandis_object *objects, size_t count, double *room,
-                                          size_t room_length) {
+PANDIS__ONCE PANDIS_API pandis_error pandis_poses_open(
+    pandis_poses *handle, pandis_object *objects, size_t count, double *room, size_t room_length) {
     pandis__poses *poses = pandis__poses_of(handle);
     memset(poses, 0, sizeof *poses);
     if (room_length < PANDIS_POSES_ROOM(count)) return PANDIS_ERROR_COUNT;
     poses->objects = objects, poses->count = count;
-    poses->frames = (pandis_pose *)(void *)room, poses->ways = room + 3 * count * (sizeof(pandis_pose) / sizeof *room);
+    poses->frames = (pandis_pose *)(void *)room,
+    poses->ways = room + 3 * count * (sizeof(pandis_pose) / sizeof *room);
     poses->asking = 1;
     poses->waiting = 2;
     for (size_t i = 0; i < count; i++) {
@@ -3468,7 +3806,8 @@ PANDIS__ONCE PANDIS_API pandis_error pandis_poses_open(pandis_poses *handle, pan
     return PANDIS_SUCCESS;
 }
 
-PANDIS_API pandis_error pandis_poses_give(pandis_poses *handle, const pandis_pose *frame, size_t count, double period) {
+PANDIS_API pandis_error pandis_poses_give(
+    pandis_poses *handle, const pandis_pose *frame, size_t count, double period) {
     pandis__poses *poses = pandis__poses_of(handle);
     if (count != poses->count) return PANDIS_ERROR_COUNT;
     if (!(period > 0 && period <= 1e6)) return PANDIS_ERROR_POSE;
@@ -3476,7 +3815,8 @@ PANDIS_API pandis_error pandis_poses_give(pandis_poses *handle, const pandis_pos
         const pandis_pose *pose = frame + i;
         double fast = pandis__dot(pose->velocity, pose->velocity);
         double turns = sqrt(pandis__dot(pose->spin, pose->spin)) * period;
-        if (!pandis__places(pose->rotation, pose->translation) || !(fast <= 1e100)) return PANDIS_ERROR_POSE;
+        if (!pandis__places(pose->rotation, pose->translation) || !(fast <= 1e100))
+            return PANDIS_ERROR_POSE;
         if (!(turns <= PANDIS__HALF_TURN)) return PANDIS_ERROR_POSE;
     }
     memcpy(poses->frames + (size_t)poses->writing * count, frame, count * sizeof *frame);
@@ -3485,24 +3825,28 @@ PANDIS_API pandis_error pandis_poses_give(pandis_poses *handle, const pandis_pos
     return PANDIS_SUCCESS;
 }
 
-/* Begin a path from an object's current pose to the one that its velocity predicts for the next frame. */
+/* Begin a path from an object's current pose to the one that its velocity predicts for the next
+ * frame. */
 static void pandis__set_out(const pandis__poses *poses, size_t object) {
     const pandis_pose *pose = poses->frames + (size_t)poses->asking * poses->count + object;
     double *from = pandis__way_of(poses, object), *to = from + 7, given[4], spun[4];
     double share = poses->period > 0 ? poses->gone / poses->period : 1, same = 0;
     for (int k = 0; k < 7; k++) from[k] = share < 1 ? from[k] + share * (to[k] - from[k]) : to[k];
-    if (share < 1) pandis__unit_turn(from); /* after arrival the pose stays the same, to the last bit */
+    /* after arrival the pose stays the same, to the last bit */
+    if (share < 1) pandis__unit_turn(from);
     pandis__turn(pose->rotation, given);
     pandis__spun(pose->spin, poses->periods[poses->asking], spun);
     pandis__turn_by(spun, given, to);
     pandis__unit_turn(to);
     for (int k = 0; k < 4; k++) same += from[k] * to[k];
     for (int k = 0; k < 4 && same < 0; k++) to[k] = -to[k]; /* the shorter way round */
-    for (int k = 0; k < 3; k++) to[4 + k] = pose->translation[k] + poses->periods[poses->asking] * pose->velocity[k];
+    for (int k = 0; k < 3; k++)
+        to[4 + k] = pose->translation[k] + poses->periods[poses->asking] * pose->velocity[k];
 }
 
 static int pandis__poses_go(pandis__poses *poses, pandis_scene *scene, double dt) {
-    int is_new = (pandis__peek(&poses->waiting) & PANDIS__NEW) != 0; /* only this thread clears the flag */
+    /* only this thread clears the flag */
+    int is_new = (pandis__peek(&poses->waiting) & PANDIS__NEW) != 0;
     if (is_new) {
         poses->asking = pandis__exchange(&poses->waiting, poses->asking) & 3;
         for (size_t i = 0; i < poses->count; i++) pandis__set_out(poses, i);
@@ -3529,26 +3873,30 @@ PANDIS_API int pandis_poses_step(pandis_poses *poses, pandis_scene *scene, doubl
     return pandis__poses_go(pandis__poses_of(poses), scene, dt);
 }
 #endif
-/* ---------------------------------------------------------------- textures: heights over a surface */
+/* -------------------- textures: heights over a surface */
 
 #define PANDIS__TURN 6.283185307179586
 
-PANDIS_API double pandis_waves(const void *ridges, const double point[3], int region, double gradient[3]) {
+PANDIS_API double pandis_waves(
+    const void *ridges, const double point[3], int region, double gradient[3]) {
     const pandis_ridges *w = (const pandis_ridges *)ridges;
     double along = PANDIS__TURN * pandis__dot(point, w->direction) / w->length;
     (void)region;
-    for (int k = 0; k < 3; k++) gradient[k] = w->height / 2 * PANDIS__TURN / w->length * cos(along) * w->direction[k];
+    for (int k = 0; k < 3; k++)
+        gradient[k] = w->height / 2 * PANDIS__TURN / w->length * cos(along) * w->direction[k];
     return w->height / 2 * (1 + sin(along));
 }
 
 /* A pseudo-random number from 0 to 1 for a node of the lattice. */
 static double pandis__drawn(const int32_t *node) {
-    uint32_t h = (uint32_t)node[0] * 0x8da6b343u ^ (uint32_t)node[1] * 0xd8163841u ^ (uint32_t)node[2] * 0xcb1ab31fu;
+    uint32_t h = (uint32_t)node[0] * 0x8da6b343u ^ (uint32_t)node[1] * 0xd8163841u ^
+        (uint32_t)node[2] * 0xcb1ab31fu;
     h = (h ^ h >> 15) * 0x2c1b3c6du, h = (h ^ h >> 12) * 0x297a2d39u;
     return (double)(h ^ h >> 15) / 4294967295.0;
 }
 
-PANDIS_API double pandis_noise(const void *bumps, const double point[3], int region, double gradient[3]) {
+PANDIS_API double pandis_noise(
+    const void *bumps, const double point[3], int region, double gradient[3]) {
     const pandis_bumps *b = (const pandis_bumps *)bumps;
     double blend[3][2], change[3], sum = 0;
     int32_t low[3];
@@ -3557,7 +3905,8 @@ PANDIS_API double pandis_noise(const void *bumps, const double point[3], int reg
         double x = point[k] / b->length, t;
         if (!(fabs(x) < 1e9)) return gradient[0] = gradient[1] = gradient[2] = 0;
         low[k] = (int32_t)floor(x), t = x - floor(x);
-        blend[k][1] = t * t * t * (10 + t * (6 * t - 15)), blend[k][0] = 1 - blend[k][1]; /* two continuous derivatives */
+        /* two continuous derivatives */
+        blend[k][1] = t * t * t * (10 + t * (6 * t - 15)), blend[k][0] = 1 - blend[k][1];
         change[k] = 30 * t * t * (1 - t) * (1 - t) / b->length;
         gradient[k] = 0;
     }
@@ -3574,42 +3923,52 @@ PANDIS_API double pandis_noise(const void *bumps, const double point[3], int reg
     return sum;
 }
 
-PANDIS_API double pandis_by_region(const void *patches, const double point[3], int region, double gradient[3]) {
+PANDIS_API double pandis_by_region(
+    const void *patches, const double point[3], int region, double gradient[3]) {
     const pandis_patches *p = (const pandis_patches *)patches;
     const pandis_texture *t = p->textures + (region > 0 && region < p->count ? region : 0);
     if (t->height) return t->height(t->data, point, region, gradient);
     return gradient[0] = gradient[1] = gradient[2] = 0;
 }
-/* ---------------------------------------------------------------- planes that a proxy touches */
+/* -------------------- planes that a proxy touches */
 
-#define PANDIS__KEPT 8   /* planes kept between steps: all walls of a corner, since any three may hold the proxy */
+/* planes kept between steps: all walls of a corner, since any three may hold the proxy */
+#define PANDIS__KEPT 8
 #define PANDIS__PLANES 9 /* plus the plane of the last look */
 
-/* A piece of the surface near a proxy, taken as flat: free space is where normal . x >= offset (unit frame). */
+/* A piece of the surface near a proxy, taken as flat: free space is where normal . x >= offset
+ * (unit frame). */
 typedef struct {
     double normal[3], offset, foot[3];
 } pandis__plane;
 
-static double pandis__height(const pandis__plane *p, const double *x) { return pandis__dot(p->normal, x) - p->offset; }
+static double pandis__height(const pandis__plane *p, const double *x) {
+    return pandis__dot(p->normal, x) - p->offset;
+}
 
-/* Find the point on two or three planes that is nearest to a goal, if it is also the nearest one in front of them: each
- * plane must push. Returns 0 if one does not, or if they are nearly parallel. */
-static int pandis__onto(const pandis__plane *planes, const int *which, int count, const double *under, const double *goal,
-                        double *y) {
+/* Find the point on two or three planes that is nearest to a goal, if it is also the nearest one in
+ * front of them: each plane must push. Returns 0 if one does not, or if they are nearly parallel.
+ */
+static int pandis__onto(const pandis__plane *planes, const int *which, int count,
+    const double *under, const double *goal, double *y) {
     const double *a = planes[which[0]].normal, *b = planes[which[1]].normal;
     double push[3], across[3][3], sum[3];
     pandis__cross(a, b, across[2]);
     if (count == 2) {
-        double c = pandis__dot(a, b), det = pandis__dot(across[2], across[2]); /* 1 - c^2 without cancellation */
+        /* 1 - c^2 without cancellation */
+        double c = pandis__dot(a, b), det = pandis__dot(across[2], across[2]);
         if (!(det > 1e-14)) return 0;
-        push[0] = (c * under[which[1]] - under[which[0]]) / det, push[1] = (c * under[which[0]] - under[which[1]]) / det;
+        push[0] = (c * under[which[1]] - under[which[0]]) / det,
+        push[1] = (c * under[which[0]] - under[which[1]]) / det;
     } else {
         const double *last = planes[which[2]].normal;
         pandis__cross(b, last, across[0]), pandis__cross(last, a, across[1]);
         double det = pandis__dot(a, across[0]);
         if (!(fabs(det) > 1e-9)) return 0;
         for (int k = 0; k < 3; k++)
-            sum[k] = -(under[which[0]] * across[0][k] + under[which[1]] * across[1][k] + under[which[2]] * across[2][k]) / det;
+            sum[k] = -(under[which[0]] * across[0][k] + under[which[1]] * across[1][k] +
+                         under[which[2]] * across[2][k]) /
+                det;
         for (int i = 0; i < 3; i++) push[i] = pandis__dot(sum, across[i]) / det;
     }
     for (int k = 0; k < 3; k++) y[k] = goal[k];
@@ -3620,28 +3979,30 @@ static int pandis__onto(const pandis__plane *planes, const int *which, int count
     return 1;
 }
 
-/* Whether a set of planes determines the point: the goal is behind one of them, and the point is in front of all others.
- * Returns a bit for each, or 0. */
-static int pandis__gives(const pandis__plane *planes, int count, const int *which, int size, const double *under, int behind,
-                         const double *goal, double *y) {
+/* Whether a set of planes determines the point: the goal is behind one of them, and the point is in
+ * front of all others. Returns a bit for each, or 0. */
+static int pandis__gives(const pandis__plane *planes, int count, const int *which, int size,
+    const double *under, int behind, const double *goal, double *y) {
     int set = 0;
     for (int i = 0; i < size; i++) set |= 1 << which[i];
     if (!(set & behind)) return 0;
     if (size == 1)
         for (int k = 0; k < 3; k++) y[k] = goal[k] - under[which[0]] * planes[which[0]].normal[k];
-    else if (!pandis__onto(planes, which, size, under, goal, y))
-        return 0;
+    else if (!pandis__onto(planes, which, size, under, goal, y)) return 0;
     for (int i = 0; i < count; i++)
         if (!(set >> i & 1) && pandis__height(planes + i, y) < -1e-13) return 0;
     return set;
 }
 
-/* Find the point nearest to a goal in front of all planes; returns a bit mask of the planes that hold it back. If no point
- * is in front of all planes, the last plane, which is the newest, decides. */
-static int pandis__nearest_in_front(const pandis__plane *planes, int count, const double *goal, double *y) {
+/* Find the point nearest to a goal in front of all planes; returns a bit mask of the planes that
+ * hold it back. If no point is in front of all planes, the last plane, which is the newest,
+ * decides. */
+static int pandis__nearest_in_front(
+    const pandis__plane *planes, int count, const double *goal, double *y) {
     double under[PANDIS__PLANES];
     int set, behind = 0;
-    for (int i = 0; i < count; i++) under[i] = pandis__height(planes + i, goal), behind |= (under[i] < 0) << i;
+    for (int i = 0; i < count; i++)
+        under[i] = pandis__height(planes + i, goal), behind |= (under[i] < 0) << i;
     memcpy(y, goal, 3 * sizeof *y);
     if (!behind) return 0;
     for (int i = 0; i < count; i++)
@@ -3655,24 +4016,29 @@ static int pandis__nearest_in_front(const pandis__plane *planes, int count, cons
         for (int j = 1; j < k; j++)
             for (int i = 0; i < j; i++) {
                 const int which[3] = {i, j, k};
-                if ((set = pandis__gives(planes, count, which, 3, under, behind, goal, y))) return set;
+                if ((set = pandis__gives(planes, count, which, 3, under, behind, goal, y)))
+                    return set;
             }
     int last = count - 1;
     for (int k = 0; k < 3; k++) y[k] = goal[k] - fmin(0, under[last]) * planes[last].normal[k];
     return under[last] < 0 ? 1 << last : 0;
 }
-/* ---------------------------------------------------------------- a proxy, and the known surface near it
+/* -------------------- a proxy, and the known surface near it
  *
- * Everything is in the object's unit frame. The proxy is a point; a probe of radius r offsets the surface by r. The known
- * free space is a ball around a point a little above the proxy, as large as the distance there. The proxy goes from ball
- * to ball. Each overlaps the one before, so no surface is on its path. The surface is represented by planes, each through
- * the foot of a point that was looked at. */
+ * Everything is in the object's unit frame. The proxy is a point; a probe of radius r offsets the
+ * surface by r. The known free space is a ball around a point a little above the proxy, as large as
+ * the distance there. The proxy goes from ball to ball. Each overlaps the one before, so no surface
+ * is on its path. The surface is represented by planes, each through the foot of a point that was
+ * looked at. */
 
-#define PANDIS__HOVER 0.004       /* height from which the surface is looked at */
-#define PANDIS__FARTHEST 2       /* largest distance from which a place is looked at, in lifts */
-#define PANDIS__STALE 4          /* distance of the foot from which a plane is forgotten, in lifts */
-#define PANDIS__ALIKE 0.99       /* cosine of the angle below which two planes count as nearly equal */
-#define PANDIS__BEHIND 1e-8      /* a surface no farther behind a plane than this counts as in front of it */
+#define PANDIS__HOVER 0.004 /* height from which the surface is looked at */
+#define PANDIS__FARTHEST 2  /* largest distance from which a place is looked at, in lifts */
+/* distance of the foot from which a plane is forgotten, in lifts */
+#define PANDIS__STALE 4
+/* cosine of the angle below which two planes count as nearly equal */
+#define PANDIS__ALIKE 0.99
+/* a surface no farther behind a plane than this counts as in front of it */
+#define PANDIS__BEHIND 1e-8
 #define PANDIS__TRUSTED 0.8      /* free share of an approximate distance to the felt surface */
 #define PANDIS__LEAST_SHARE 0.25 /* likewise, of a distance that is flagged as a bound */
 #define PANDIS__GUESSED 0.05     /* assumed excess of a distance if the file does not state it */
@@ -3683,19 +4049,20 @@ enum { PANDIS__BEGINS, PANDIS__CLEAR, PANDIS__TOUCHES };
 typedef struct {
     pandis__contact *state;
     const pandis_field *field;
-    double radius;            /* offset of the walls from the surface; less where the probe began nearer */
-    double tolerance;         /* for comparing planes */
-    double blur;              /* a surface this near, or this little behind a plane, is ignored */
-    int exact;                /* the field's distances are exact, not approximate */
-    int flat;                 /* and that surface is the one felt */
+    /* offset of the walls from the surface; less where the probe began nearer */
+    double radius;
+    double tolerance; /* for comparing planes */
+    double blur;      /* a surface this near, or this little behind a plane, is ignored */
+    int exact;        /* the field's distances are exact, not approximate */
+    int flat;         /* and that surface is the one felt */
     int queries, count;
     pandis_flag flag;
     pandis__plane plane[PANDIS__PLANES];
     double *x, *ball;
 } pandis__proxy;
 
-/* Result of a look at a point: distance, radius of the free ball around it and of the one that can be entered without a
- * look, foot and normal of the surface. */
+/* Result of a look at a point: distance, radius of the free ball around it and of the one that can
+ * be entered without a look, foot and normal of the surface. */
 typedef struct {
     double at[3], distance, free, sure, normal[3], foot[3];
     int32_t face, region;
@@ -3705,10 +4072,11 @@ static int pandis__knows_distance(const pandis_field *f) {
     return f->kind && !(f->kind == PANDIS_GRID && f->as.grid.rule <= PANDIS__TRILINEAR);
 }
 
-/* Apply a texture to the result of a look. The distance becomes that to the tangent plane of the raised surface below the
- * point, the normal becomes that of this plane, and the free radius shrinks. */
-static void pandis__roughen(const pandis__proxy *p, const double *at, pandis_answer *answer, double *distance,
-                            double *free, double *sure) {
+/* Apply a texture to the result of a look. The distance becomes that to the tangent plane of the
+ * raised surface below the point, the normal becomes that of this plane, and the free radius
+ * shrinks. */
+static void pandis__roughen(const pandis__proxy *p, const double *at, pandis_answer *answer,
+    double *distance, double *free, double *sure) {
     const pandis_texture *t = p->state->options.texture;
     const pandis_field *f = p->field;
     double foot[3], slope[3], *n = answer->normal;
@@ -3720,13 +4088,17 @@ static void pandis__roughen(const pandis__proxy *p, const double *at, pandis_ans
     if (!(steep <= 1e6)) slope[0] = slope[1] = slope[2] = steep = 0;
     for (int k = 0; k < 3; k++) n[k] = (n[k] - slope[k]) / sqrt(1 + steep);
     *distance = (*distance - raised) / sqrt(1 + steep);
-    /* the raised surface lies below a cone over the foot with twice the slope: feet move up to twice as far as points */
-    *free = fmin(*free, (*free - raised) / sqrt(1 + 4 * t->steepest * t->steepest)), *sure -= t->most * f->scale;
+    /* the raised surface lies below a cone over the foot with twice the slope: feet move up to
+     * twice as far as points */
+    *free = fmin(*free, (*free - raised) / sqrt(1 + 4 * t->steepest * t->steepest)),
+    *sure -= t->most * f->scale;
 }
 
-/* Lower bound of the distance to a network's surface from a place beyond its box. The surface is inside the box. Its
- * distance from the nearest point of the box is at least a share of the network's distance there. */
-PANDIS__ONCE static double pandis__free_beyond(const pandis__proxy *p, const double *at, double distance) {
+/* Lower bound of the distance to a network's surface from a place beyond its box. The surface is
+ * inside the box. Its distance from the nearest point of the box is at least a share of the
+ * network's distance there. */
+PANDIS__ONCE static double pandis__free_beyond(
+    const pandis__proxy *p, const double *at, double distance) {
     double way = 0;
     for (int k = 0; k < 3; k++) {
         double over = fmax(0, fabs(at[k]) - 1);
@@ -3751,17 +4123,21 @@ static int pandis__look_at(pandis__proxy *p, const double *at, pandis__look *loo
     if (p->exact) {
         sure = free = fmin(distance, answer.clear * f->scale);
     } else if (answer.flag == PANDIS_OK) {
-        sure = distance - f->margin[0], free = fmax(PANDIS__TRUSTED * (distance - p->radius) + p->radius, sure);
+        sure = distance - f->margin[0],
+        free = fmax(PANDIS__TRUSTED * (distance - p->radius) + p->radius, sure);
     } else {
         /* the margin applies in the box; beyond it only the surface's bounds are known */
         int inside = fabs(at[0]) <= 1 && fabs(at[1]) <= 1 && fabs(at[2]) <= 1;
         double guessed = f->margin[1] < 1e300 ? f->margin[1] : PANDIS__GUESSED;
         double away = f->margin[0] < 1e300 ? pandis__clearance(f, at) : -1;
         /* also a lower bound: a spline covers the space up to this distance from the surface */
-        double least = f->kind == PANDIS_SPLINE && distance > 0 ? f->as.spline.outside : PANDIS__LEAST_SHARE * distance;
-        sure = inside ? fmax(away, distance - guessed) : away, free = fmin(distance, fmax(least, sure));
+        double least = f->kind == PANDIS_SPLINE && distance > 0 ? f->as.spline.outside
+                                                                : PANDIS__LEAST_SHARE * distance;
+        sure = inside ? fmax(away, distance - guessed) : away,
+        free = fmin(distance, fmax(least, sure));
         if (inside && distance > 0) free = fmax(free, f->height);
-        if (!inside && f->kind == PANDIS_NETWORK) free = fmax(free, pandis__free_beyond(p, at, distance));
+        if (!inside && f->kind == PANDIS_NETWORK)
+            free = fmax(free, pandis__free_beyond(p, at, distance));
     }
     look->face = answer.face, look->region = answer.region;
     if (p->state->options.texture) pandis__roughen(p, at, &answer, &distance, &free, &sure);
@@ -3779,34 +4155,42 @@ static void pandis__drop(pandis__proxy *p, int index) {
     p->count--;
 }
 
-/* Forget planes that the last look shows not to be the surface here: those from which the surface bends away (the new
- * foot is behind them or, where the planes meet, not in front of them; from inside, this may hold in any corner), those
- * that pass through a free place, and those seen from too far away. */
-static void pandis__forget(pandis__proxy *p, const pandis__plane *seen, int inside, const double *place, double height) {
+/* Forget planes that the last look shows not to be the surface here: those from which the surface
+ * bends away (the new foot is behind them or, where the planes meet, not in front of them; from
+ * inside, this may hold in any corner), those that pass through a free place, and those seen from
+ * too far away. */
+static void pandis__forget(
+    pandis__proxy *p, const pandis__plane *seen, int inside, const double *place, double height) {
     double stale = PANDIS__STALE * PANDIS__HOVER;
     for (int i = p->count - 1; i >= 0; i--) {
         const pandis__plane *old = p->plane + i;
         double off[3], between[3], cross[3];
-        for (int k = 0; k < 3; k++) off[k] = old->foot[k] - place[k], between[k] = seen->foot[k] - old->foot[k];
+        for (int k = 0; k < 3; k++)
+            off[k] = old->foot[k] - place[k], between[k] = seen->foot[k] - old->foot[k];
         pandis__cross(old->normal, seen->normal, cross);
         double angle = sqrt(pandis__dot(cross, cross)), apart = sqrt(pandis__dot(between, between));
         int same = angle < fmax(1e-7, p->tolerance) && pandis__dot(old->normal, seen->normal) > 0;
         double ahead = pandis__dot(old->normal, between);
         int bent = angle < 0.1 ? ahead <= 1e-3 * angle * apart : ahead < -p->blur;
         int open = height > p->tolerance && pandis__height(old, place) < height / 2;
-        if (same || (bent && !inside) || open || pandis__dot(off, off) > stale * stale) pandis__drop(p, i);
+        if (same || (bent && !inside) || open || pandis__dot(off, off) > stale * stale)
+            pandis__drop(p, i);
     }
 }
 
-/* Add the plane of a look as the last one. The proxy would be at `place`, at least `height` above the surface. */
-static void pandis__learn(pandis__proxy *p, const pandis__look *look, const double *place, double height) {
+/* Add the plane of a look as the last one. The proxy would be at `place`, at least `height` above
+ * the surface. */
+static void pandis__learn(
+    pandis__proxy *p, const pandis__look *look, const double *place, double height) {
     pandis__plane seen;
     memcpy(seen.normal, look->normal, sizeof seen.normal);
     memcpy(seen.foot, look->foot, sizeof seen.foot);
     seen.offset = pandis__dot(seen.normal, seen.foot);
-    for (int i = p->count - 1; i >= 0; i--) { /* of two that face each other without a gap, the nearer is a fold */
+    /* of two that face each other without a gap, the nearer is a fold */
+    for (int i = p->count - 1; i >= 0; i--) {
         double gap = pandis__height(p->plane + i, seen.foot);
-        if (pandis__dot(p->plane[i].normal, seen.normal) > -PANDIS__ALIKE || fabs(gap) > p->blur) continue;
+        if (pandis__dot(p->plane[i].normal, seen.normal) > -PANDIS__ALIKE || fabs(gap) > p->blur)
+            continue;
         if (fabs(look->distance) < p->blur) return;
         pandis__drop(p, i);
     }
@@ -3814,7 +4198,8 @@ static void pandis__learn(pandis__proxy *p, const pandis__look *look, const doub
     if (p->count == PANDIS__PLANES) pandis__drop(p, 0);
     p->plane[p->count++] = seen;
     p->state->face = look->face;
-    if (p->field->regions || !p->state->options.regions) p->state->region = look->region; /* else it is queried once a step */
+    /* else it is queried once a step */
+    if (p->field->regions || !p->state->options.regions) p->state->region = look->region;
 }
 
 static double pandis__between(const double *a, const double *b) {
@@ -3822,10 +4207,12 @@ static double pandis__between(const double *a, const double *b) {
     return sqrt(pandis__dot(off, off));
 }
 
-/* Find the point from which to look whether the proxy can be at a place: the nearest one that is `lift` above all planes, and
- * twice that above planes unlike `nearest`, if it is not NULL. Where planes meet at a sharp angle or face each other, no
- * such point is near: there the lift is reduced. */
-static void pandis__lifted(const pandis__proxy *p, const double *place, const double *nearest, double lift, double *at) {
+/* Find the point from which to look whether the proxy can be at a place: the nearest one that is
+ * `lift` above all planes, and twice that above planes unlike `nearest`, if it is not NULL. Where
+ * planes meet at a sharp angle or face each other, no such point is near: there the lift is
+ * reduced. */
+static void pandis__lifted(
+    const pandis__proxy *p, const double *place, const double *nearest, double lift, double *at) {
     pandis__plane raised[PANDIS__PLANES];
     double height = lift;
     memcpy(at, place, 3 * sizeof *at);
@@ -3857,13 +4244,13 @@ static void pandis__take_ball(pandis__proxy *p, const pandis__look *look) {
     memcpy(p->ball, look->at, 3 * sizeof *p->ball);
     p->ball[3] = look->free, p->ball[4] = look->sure;
 }
-/* ---------------------------------------------------------------- how a proxy follows the probe */
+/* -------------------- how a proxy follows the probe */
 
-#define PANDIS__SMALL 1e-13  /* shorter motions count as 0 (unit frame) */
-#define PANDIS__ABOVE 4e-6   /* largest height of the proxy above a plane that it touches */
-#define PANDIS__GAP 5e-4     /* largest gap between ball and proxy in an edge or a corner */
-#define PANDIS__ASIDE 1e-3   /* lifts: sideways offset of a second look */
-#define PANDIS__SLIVER 2e-4  /* length of a path that need not be known to be free */
+#define PANDIS__SMALL 1e-13 /* shorter motions count as 0 (unit frame) */
+#define PANDIS__ABOVE 4e-6  /* largest height of the proxy above a plane that it touches */
+#define PANDIS__GAP 5e-4    /* largest gap between ball and proxy in an edge or a corner */
+#define PANDIS__ASIDE 1e-3  /* lifts: sideways offset of a second look */
+#define PANDIS__SLIVER 2e-4 /* length of a path that need not be known to be free */
 
 /* Whether a look shows a wall that is nearer than all known planes. */
 static int pandis__unknown(const pandis__proxy *p, const pandis__look *look) {
@@ -3872,9 +4259,9 @@ static int pandis__unknown(const pandis__proxy *p, const pandis__look *look) {
     return p->count && look->distance < least - 0.1 * fabs(least) - p->blur;
 }
 
-/* Rebuild the chain of balls from the proxy upwards. Each ball overlaps the one below it, and the lowest reaches the
- * proxy to within a sliver. The chain ends at the lift, or where a ball would miss the proxy in an edge by too much. 0:
- * no answer; 2: an unknown wall was met. */
+/* Rebuild the chain of balls from the proxy upwards. Each ball overlaps the one below it, and the
+ * lowest reaches the proxy to within a sliver. The chain ends at the lift, or where a ball would
+ * miss the proxy in an edge by too much. 0: no answer; 2: an unknown wall was met. */
 static int pandis__climb(pandis__proxy *p) {
     pandis__contact *c = p->state;
     double at[3], lift = fmin(PANDIS__SLIVER / PANDIS__FARTHEST, c->lift), reached = 0;
@@ -3887,7 +4274,8 @@ static int pandis__climb(pandis__proxy *p) {
             return 2;
         }
         double away = pandis__between(at, p->x);
-        double gap = reached > 0 ? pandis__between(at, p->ball) - p->ball[3] : away - PANDIS__SLIVER;
+        double gap =
+            reached > 0 ? pandis__between(at, p->ball) - p->ball[3] : away - PANDIS__SLIVER;
         if (look.free > 0 && gap <= look.free * (1 + 1e-9) && away <= look.free + PANDIS__GAP) {
             pandis__take_ball(p, &look);
             if (lift >= c->lift) return 1;
@@ -3910,12 +4298,14 @@ static int pandis__widen(pandis__proxy *p) {
     double at[3];
     pandis__lifted(p, p->x, NULL, PANDIS__HOVER, at);
     if (!pandis__look_at(p, at, &look)) return 0;
-    if (!(look.free > p->ball[3] && pandis__between(at, p->x) <= look.free + PANDIS__GAP)) return pandis__climb(p);
+    if (!(look.free > p->ball[3] && pandis__between(at, p->x) <= look.free + PANDIS__GAP))
+        return pandis__climb(p);
     pandis__take_ball(p, &look);
     return 1;
 }
 
-/* Find a new ball. If the surface has moved past the proxy, the proxy is put back onto it. 0: no answer. */
+/* Find a new ball. If the surface has moved past the proxy, the proxy is put back onto it. 0: no
+ * answer. */
 static int pandis__regain(pandis__proxy *p) {
     pandis__look look;
     if (!pandis__look_at(p, p->x, &look)) return 0;
@@ -3928,42 +4318,49 @@ static int pandis__regain(pandis__proxy *p) {
 
 /* The proxy's motion in a step. */
 typedef struct {
-    double travel;           /* largest distance along the surface */
+    double travel;            /* largest distance along the surface */
     double sticking, sliding; /* friction coefficients */
-    double soft;             /* share of the motion along the surface that drag leaves */
-    double slip;             /* distance that friction and drag allow; negative until known */
-    double shrink;           /* share of a hop that is tried */
-    double slid, goal[3];    /* distance slid so far; goal without friction */
-    int arriving;            /* the proxy is not yet on the planes */
-    int active, rubs;        /* bit sets: planes that hold the proxy back, and planes with friction */
-    int held;                /* stopped by `travel` or the budget */
-    int stuck;               /* no further motion was found */
-    int turned;              /* number of times that another wall was in the way */
-    int refused;             /* number of times that a step would have led away from the probe */
-    int lost, narrow;        /* number of balls that did not join the last one, and that did not reach the proxy's place */
-    int climbed, confirmed;  /* whether the chain of balls was rebuilt; number of further looks at distant planes */
+    double soft;              /* share of the motion along the surface that drag leaves */
+    double slip;              /* distance that friction and drag allow; negative until known */
+    double shrink;            /* share of a hop that is tried */
+    double slid, goal[3];     /* distance slid so far; goal without friction */
+    int arriving;             /* the proxy is not yet on the planes */
+    /* bit sets: planes that hold the proxy back, and planes with friction */
+    int active, rubs;
+    int held;    /* stopped by `travel` or the budget */
+    int stuck;   /* no further motion was found */
+    int turned;  /* number of times that another wall was in the way */
+    int refused; /* number of times that a step would have led away from the probe */
+    /* number of balls that did not join the last one, and that did not reach the proxy's place */
+    int lost, narrow;
+    /* whether the chain of balls was rebuilt; number of further looks at distant planes */
+    int climbed, confirmed;
 } pandis__way;
 
-/* Distance that friction and drag let the proxy move to a place `step` away, if it is pressed in by `press`. */
+/* Distance that friction and drag let the proxy move to a place `step` away, if it is pressed in by
+ * `press`. */
 static double pandis__rubbed(pandis__contact *c, pandis__way *way, double step, double press) {
     double friction = (c->sticks ? way->sticking : way->sliding) * press;
     if (way->slip < 0) { /* the first call in this step */
         c->sticks = friction > 0 && step <= friction;
         friction = way->sliding * press;
-        way->slip = c->sticks ? 0 : friction > 0 || way->soft < 1 ? fmax(0, step - friction) * way->soft : 1e300;
+        way->slip = c->sticks               ? 0
+            : friction > 0 || way->soft < 1 ? fmax(0, step - friction) * way->soft
+                                            : 1e300;
     }
     return fmin(fmax(0, step - friction), way->slip);
 }
 
-/* Find the next target: the point in front of all planes that is nearest to the probe, as far as friction lets the proxy
- * go. Returns its distance. */
+/* Find the next target: the point in front of all planes that is nearest to the probe, as far as
+ * friction lets the proxy go. Returns its distance. */
 static double pandis__aim(pandis__proxy *p, pandis__way *way, const double *probe, double *target) {
     way->active = pandis__nearest_in_front(p->plane, p->count, probe, way->goal);
     double wanted = pandis__between(way->goal, p->x), step = wanted;
     way->held = way->arriving = way->rubs = 0;
     double reach = 1; /* share of the path to the probe at which the first plane is met */
     for (int i = 0, touches = 0; i < p->count; i++) {
-        double above = pandis__height(p->plane + i, p->x), below = -pandis__height(p->plane + i, probe);
+        double above = pandis__height(p->plane + i, p->x),
+               below = -pandis__height(p->plane + i, probe);
         touches |= above <= PANDIS__ABOVE;
         way->arriving = way->active && !touches;
         if (below > 0 && above > 0) reach = fmin(reach, above / (above + below));
@@ -3977,11 +4374,13 @@ static double pandis__aim(pandis__proxy *p, pandis__way *way, const double *prob
         double place[3];
         int count = 0, which[PANDIS__PLANES];
         for (int i = 0; i < p->count; i++)
-            if (pandis__height(p->plane + i, p->x) <= PANDIS__ABOVE) which[count] = i, touched[count++] = p->plane[i];
+            if (pandis__height(p->plane + i, p->x) <= PANDIS__ABOVE)
+                which[count] = i, touched[count++] = p->plane[i];
         if (count < p->count) { /* only planes that the proxy touches cause friction */
             int rubs = pandis__nearest_in_front(touched, count, probe, place);
             for (int i = 0; i < count; i++) way->rubs |= (rubs >> i & 1) << which[i];
-            double far = pandis__between(place, p->x), free = pandis__rubbed(p->state, way, far, pandis__between(place, probe));
+            double far = pandis__between(place, p->x),
+                   free = pandis__rubbed(p->state, way, far, pandis__between(place, probe));
             step = fmin(step, free);
         } else {
             step = pandis__rubbed(p->state, way, step, pandis__between(way->goal, probe));
@@ -3989,7 +4388,8 @@ static double pandis__aim(pandis__proxy *p, pandis__way *way, const double *prob
         if (step > way->travel) step = way->travel, way->held = 1;
     }
     double share = wanted > 0 ? step / wanted : 0;
-    for (int k = 0; k < 3; k++) target[k] = share < 1 ? p->x[k] + share * (way->goal[k] - p->x[k]) : way->goal[k];
+    for (int k = 0; k < 3; k++)
+        target[k] = share < 1 ? p->x[k] + share * (way->goal[k] - p->x[k]) : way->goal[k];
     return step;
 }
 
@@ -3999,18 +4399,22 @@ static void pandis__arrive(pandis__proxy *p, pandis__way *way, const double *pla
     way->shrink = 1;
     if (step > 1e-3 * PANDIS__SLIVER) p->state->settled = 0;
     if (step > PANDIS__SLIVER) p->state->close = 0;
-    if (way->active && !way->arriving) way->slip = fmax(0, way->slip - step), way->slid += step, way->travel -= step;
+    if (way->active && !way->arriving)
+        way->slip = fmax(0, way->slip - step), way->slid += step, way->travel -= step;
     memcpy(p->x, place, 3 * sizeof *place);
 }
 
-/* Move towards a place beyond the known free space: to the rim of the ball, from where the next look is taken. */
-static int pandis__go_on(pandis__proxy *p, pandis__way *way, const double *at, const double *target) {
+/* Move towards a place beyond the known free space: to the rim of the ball, from where the next
+ * look is taken. */
+static int pandis__go_on(
+    pandis__proxy *p, pandis__way *way, const double *at, const double *target) {
     pandis__look look;
     if (way->active && !way->arriving) { /* the proxy is on the surface, and stays there */
         way->held = way->stuck = 1;
         return 1;
     }
-    double rim[3], place[3], far = pandis__between(at, p->ball), share = fmin(1, 0.95 * p->ball[3] / far);
+    double rim[3], place[3], far = pandis__between(at, p->ball),
+                             share = fmin(1, 0.95 * p->ball[3] / far);
     for (int k = 0; k < 3; k++) rim[k] = p->ball[k] + share * (at[k] - p->ball[k]);
     if (!pandis__look_at(p, rim, &look)) return 0;
     if (look.free > 0) {
@@ -4031,18 +4435,20 @@ static int pandis__go_on(pandis__proxy *p, pandis__way *way, const double *at, c
     return 1;
 }
 
-/* Start over from the surface at the proxy, which is moved out if it has sunk in by less than a sliver. 0: no answer. */
+/* Start over from the surface at the proxy, which is moved out if it has sunk in by less than a
+ * sliver. 0: no answer. */
 static int pandis__emerge(pandis__proxy *p) {
     pandis__look look;
     if (!pandis__look_at(p, p->x, &look)) return 0;
-    if (p->flat && look.distance < 0 && look.distance > -PANDIS__SLIVER) memcpy(p->x, look.foot, sizeof look.foot);
+    if (p->flat && look.distance < 0 && look.distance > -PANDIS__SLIVER)
+        memcpy(p->x, look.foot, sizeof look.foot);
     p->count = 0;
     pandis__learn(p, &look, p->x, 0);
     return 1;
 }
 
-/* Move the proxy in front of the planes that it is behind by at most a sliver. Planes that it is farther behind are
- * dropped: the proxy is free, so they are beyond an edge. */
+/* Move the proxy in front of the planes that it is behind by at most a sliver. Planes that it is
+ * farther behind are dropped: the proxy is free, so they are beyond an edge. */
 static void pandis__come_out(pandis__proxy *p) {
     double place[3], behind = 0;
     for (int i = p->count - 1; i >= 0; i--) {
@@ -4052,7 +4458,8 @@ static void pandis__come_out(pandis__proxy *p) {
     }
     if (!p->flat || behind > -p->blur) return;
     pandis__nearest_in_front(p->plane, p->count, p->x, place);
-    if (pandis__between(place, p->x) < PANDIS__FARTHEST * PANDIS__SLIVER) memcpy(p->x, place, sizeof place);
+    if (pandis__between(place, p->x) < PANDIS__FARTHEST * PANDIS__SLIVER)
+        memcpy(p->x, place, sizeof place);
 }
 
 /* Try to bring the proxy to a target. 0: there was no answer. */
@@ -4069,9 +4476,12 @@ static int pandis__hop(pandis__proxy *p, pandis__way *way, const double *probe, 
     if (looked) {
         pandis__lifted(p, target, NULL, c->lift, at);
         if (!pandis__look_at(p, at, &look)) return 0;
-        int joined = look.free > 0 && pandis__between(at, p->ball) <= (p->ball[3] + look.free) * (1 + 1e-9);
-        if (!joined && way->active && (!p->flat || pandis__unknown(p, &look)) && way->lost++ < 2) { /* an unknown wall, or one forgotten since */
-            double before = 0; /* the ball must be in front of the foot: else that is a wall's other side */
+        int joined =
+            look.free > 0 && pandis__between(at, p->ball) <= (p->ball[3] + look.free) * (1 + 1e-9);
+        /* an unknown wall, or one forgotten since */
+        if (!joined && way->active && (!p->flat || pandis__unknown(p, &look)) && way->lost++ < 2) {
+            /* the ball must be in front of the foot: else that is a wall's other side */
+            double before = 0;
             for (int k = 0; k < 3; k++) before += (p->ball[k] - look.foot[k]) * look.normal[k];
             if (before < 0.5 * p->ball[3] && !pandis__look_at(p, p->x, &look)) return 0;
             pandis__learn(p, &look, p->x, 0);
@@ -4083,10 +4493,13 @@ static int pandis__hop(pandis__proxy *p, pandis__way *way, const double *probe, 
             way->climbed = climbed == 1, way->shrink = 1;
             return climbed;
         }
-        if (!joined && way->active) way->shrink *= 0.3, c->lift = fmax(0.7 * c->lift, PANDIS__HOVER / 64);
-        if (!joined) return way->active && way->shrink > 1e-3 ? 1 : pandis__go_on(p, way, at, target);
+        if (!joined && way->active)
+            way->shrink *= 0.3, c->lift = fmax(0.7 * c->lift, PANDIS__HOVER / 64);
+        if (!joined)
+            return way->active && way->shrink > 1e-3 ? 1 : pandis__go_on(p, way, at, target);
         double gap = pandis__between(target, at) - look.free;
-        if (gap > (p->flat ? PANDIS__GAP : look.free) && way->narrow++ < 6) { /* another wall: look from lower, between them */
+        /* another wall: look from lower, between them */
+        if (gap > (p->flat ? PANDIS__GAP : look.free) && way->narrow++ < 6) {
             c->lift = fmax(c->lift * fmin(0.9, fmax(0.4, PANDIS__GAP / gap)), PANDIS__HOVER / 64);
             pandis__learn(p, &look, p->x, 0);
             return 1;
@@ -4098,8 +4511,10 @@ static int pandis__hop(pandis__proxy *p, pandis__way *way, const double *probe, 
         pandis__learn(p, &look, target, height);
         if (!pandis__look_at(p, target, &near)) return 0;
         height = near.distance;
-        if (fabs(height) > p->blur) look = near; /* on the surface the normal may be an edge's or a fold's */
-        if (height > (p->flat ? -p->blur : -PANDIS__SLIVER)) look.at[0] = (double)NAN; /* nothing new */
+        /* on the surface the normal may be an edge's or a fold's */
+        if (fabs(height) > p->blur) look = near;
+        /* nothing new */
+        if (height > (p->flat ? -p->blur : -PANDIS__SLIVER)) look.at[0] = (double)NAN;
     }
     if (closely && height < PANDIS__HOVER) {
         if (!pandis__look_at(p, target, &near)) return 0;
@@ -4115,11 +4530,13 @@ static int pandis__hop(pandis__proxy *p, pandis__way *way, const double *probe, 
     pandis__nearest_in_front(p->plane, p->count, target, place);
     if (pandis__between(place, p->x) > PANDIS__SMALL && way->active &&
         pandis__between(place, probe) > pandis__between(p->x, probe) * (1 + 1e-9) + PANDIS__SMALL) {
-        if (look.at[0] == look.at[0] && way->refused < 2) { /* another wall, which changes the goal */
+        /* another wall, which changes the goal */
+        if (look.at[0] == look.at[0] && way->refused < 2) {
             way->refused++;
             return 1;
         }
-        if (way->refused++ < 3) { /* the known planes are inconsistent: start over from the surface at the proxy */
+        /* the known planes are inconsistent: start over from the surface at the proxy */
+        if (way->refused++ < 3) {
             if (!pandis__emerge(p)) return 0;
             c->close = 1;
             return 1;
@@ -4137,16 +4554,19 @@ static int pandis__hop(pandis__proxy *p, pandis__way *way, const double *probe, 
     return 1;
 }
 
-/* Look again at a plane, from where it is nearer than the other planes that hold the proxy. Returns whether it changed,
- * -1 if there was no answer. `height` becomes a lower bound of the proxy's height, if there is one. */
-static int pandis__look_again(pandis__proxy *p, const pandis__plane *plane, double lift, double *height) {
+/* Look again at a plane, from where it is nearer than the other planes that hold the proxy. Returns
+ * whether it changed, -1 if there was no answer. `height` becomes a lower bound of the proxy's
+ * height, if there is one. */
+static int pandis__look_again(
+    pandis__proxy *p, const pandis__plane *plane, double lift, double *height) {
     const pandis__plane held = *plane;
     pandis__look look;
     double at[3], cross[3];
     pandis__lifted(p, p->x, held.normal, lift, at);
     /* a little aside: on a ridge between faces every plane through it would confirm itself */
     if (p->field->kind != PANDIS_SHAPE && p->flat)
-        for (int k = 0; k < 3; k++) at[k] += PANDIS__ASIDE * lift * (held.normal[(k + 1) % 3] - held.normal[(k + 2) % 3]);
+        for (int k = 0; k < 3; k++)
+            at[k] += PANDIS__ASIDE * lift * (held.normal[(k + 1) % 3] - held.normal[(k + 2) % 3]);
     if (!pandis__look_at(p, at, &look)) return -1;
     pandis__cross(look.normal, held.normal, cross);
     for (int j = 0; j < p->count; j++)
@@ -4156,9 +4576,9 @@ static int pandis__look_again(pandis__proxy *p, const pandis__plane *plane, doub
     return pandis__dot(cross, cross) > 1e-18 || *height > p->tolerance;
 }
 
-/* Look again at planes that hold the proxy. If it rests, look at all of them: on a curved surface an old one may no
- * longer apply. Also check whether it has sunk into an unknown wall. If it moves, look only at those seen from far.
- * Returns how many changed, -1 if there was no answer. */
+/* Look again at planes that hold the proxy. If it rests, look at all of them: on a curved surface
+ * an old one may no longer apply. Also check whether it has sunk into an unknown wall. If it moves,
+ * look only at those seen from far. Returns how many changed, -1 if there was no answer. */
 static int pandis__confirm(pandis__proxy *p, const pandis__way *way, int rests) {
     pandis__plane held[PANDIS__PLANES];
     double height = -1, most = -1;
@@ -4167,7 +4587,8 @@ static int pandis__confirm(pandis__proxy *p, const pandis__way *way, int rests) 
     for (int i = 0; i < count; i++) {
         int distant = pandis__between(held[i].foot, p->x) > PANDIS__STALE * PANDIS__HOVER / 2;
         if (!((way->active | way->rubs) >> i & 1) || !(rests || distant)) continue;
-        /* a moving proxy looks from half the lift, so that the new foot does not count as distant again */
+        /* a moving proxy looks from half the lift, so that the new foot does not count as distant
+         * again */
         int other = pandis__look_again(p, held + i, (rests ? 1 : 0.5) * p->state->lift, &height);
         if (other < 0) return -1;
         changed += rests ? other : 1, most = fmax(most, height);
@@ -4176,7 +4597,8 @@ static int pandis__confirm(pandis__proxy *p, const pandis__way *way, int rests) 
         pandis__look look;
         if (!pandis__look_at(p, p->x, &look)) return -1;
         if (look.distance < -p->blur) changed = 1, pandis__learn(p, &look, p->x, look.distance);
-        else if (look.distance > fmax(p->blur, PANDIS__ABOVE)) { /* the proxy does not touch the planes that hold it */
+        else if (look.distance > fmax(p->blur, PANDIS__ABOVE)) {
+            /* the proxy does not touch the planes that hold it */
             changed = 1, p->count = 0;
             pandis__learn(p, &look, p->x, 0);
         }
@@ -4188,12 +4610,14 @@ static int pandis__confirm(pandis__proxy *p, const pandis__way *way, int rests) 
 static int pandis__follow(pandis__proxy *p, pandis__way *way, const double *probe) {
     pandis__contact *c = p->state;
     double target[3];
-    if (pandis__between(probe, p->ball) < p->ball[4]) { /* known to be free, whatever the planes indicate */
+    /* known to be free, whatever the planes indicate */
+    if (pandis__between(probe, p->ball) < p->ball[4]) {
         memcpy(p->x, probe, 3 * sizeof *probe);
         return 1;
     }
     if (c->state == PANDIS__TOUCHES && p->ball[3] < c->lift / 16 && !pandis__widen(p)) return 0;
-    /* queries after which a short remainder is left to the next step: more if the last steps made no progress */
+    /* queries after which a short remainder is left to the next step: more if the last steps made
+     * no progress */
     const int soon = p->queries + 2 + 4 * c->stalled;
     const double before[3] = {p->x[0], p->x[1], p->x[2]};
     /* each turn queries the field or ends the step; the bound is a safeguard */
@@ -4201,20 +4625,27 @@ static int pandis__follow(pandis__proxy *p, pandis__way *way, const double *prob
         pandis__come_out(p);
         double step = pandis__aim(p, way, probe, target);
         if (step <= PANDIS__SMALL) {
-            if (!way->active || way->held || c->settled > 8 || p->queries + 3 > c->options.budget) return 1;
+            if (!way->active || way->held || c->settled > 8 || p->queries + 3 > c->options.budget)
+                return 1;
             c->stalled = 0;
             int changed = pandis__confirm(p, way, 1);
             if (changed < 0) return 0;
             c->settled = changed ? c->settled + 1 : 9;
             continue;
         }
-        double small = fmin(PANDIS__HOVER / 8, 1.9 * p->ball[3]); /* length of a hop, even in a groove */
-        if (p->queries >= c->options.budget || (way->active && p->queries >= soon && step < small)) {
+        /* length of a hop, even in a groove */
+        double small = fmin(PANDIS__HOVER / 8, 1.9 * p->ball[3]);
+        if (p->queries >= c->options.budget ||
+            (way->active && p->queries >= soon && step < small)) {
             way->held |= p->queries >= c->options.budget;
-            c->stalled = pandis__between(p->x, before) > PANDIS__SMALL ? 0 : c->stalled < 5 ? c->stalled + 1 : 5;
+            c->stalled = pandis__between(p->x, before) > PANDIS__SMALL ? 0
+                : c->stalled < 5                                       ? c->stalled + 1
+                                                                       : 5;
             return 1;
         }
-        int distant = way->active && !way->arriving && p->count > 1 && way->confirmed++ < 6 ? pandis__confirm(p, way, 0) : 0;
+        int distant = way->active && !way->arriving && p->count > 1 && way->confirmed++ < 6
+            ? pandis__confirm(p, way, 0)
+            : 0;
         if (distant < 0) return 0;
         if (distant) continue;
         if (!pandis__hop(p, way, probe, target)) return 0;
@@ -4223,40 +4654,54 @@ static int pandis__follow(pandis__proxy *p, pandis__way *way, const double *prob
     way->held = 1;
     return 1;
 }
-
-/* ---------------------------------------------------------------- how a proxy walks if hops make no progress
+/* -------------------- how a proxy walks if hops make no progress
  *
- * Where an approximate surface is rounded, in grooves and corners, planes that were seen from different places contradict
- * each other, and no hop leads nearer to the probe. A walk uses none of them. Each of its steps goes straight towards the
- * probe, and out of the surface again along planes that are determined for this step only. */
+ * Where an approximate surface is rounded, in grooves and corners, planes that were seen from
+ * different places contradict each other, and no hop leads nearer to the probe. A walk uses none of
+ * them. Each of its steps goes straight towards the probe, and out of the surface again along
+ * planes that are determined for this step only. */
 
-#define PANDIS__PACE 4.8e-3        /* a walk's longest step; its first is an eighth of that */
-#define PANDIS__CHORD 1.6e-3       /* the longest step around an edge that the proxy may take in part, straight on */
-#define PANDIS__FLAT 0.98          /* at an edge the cosine between the normals at both ends of a step is less */
-#define PANDIS__TIRED (1 / 1024.0) /* a walk ends below this share of the longest step: each failed step halves the next */
-#define PANDIS__IDLE 16            /* a walk begins at this count: contact steps without progress add 2, others subtract 1 */
-#define PANDIS__GAIN 0.25          /* a step makes no progress if it gains less than this share of the possible gain, */
-#define PANDIS__GAIN_EXACT 1e-9    /* or, on exact surfaces, less than this, or does not come nearer to the probe */
-#define PANDIS__CREEP 0.01         /* or, while the probe rests, goes less than this share of its way */
+#define PANDIS__PACE 4.8e-3 /* a walk's longest step; its first is an eighth of that */
+/* the longest step around an edge that the proxy may take in part, straight on */
+#define PANDIS__CHORD 1.6e-3
+/* at an edge the cosine between the normals at both ends of a step is less */
+#define PANDIS__FLAT 0.98
+/* a walk ends below this share of the longest step: each failed step halves the next */
+#define PANDIS__TIRED (1 / 1024.0)
+/* a walk begins at this count: contact steps without progress add 2, others subtract 1 */
+#define PANDIS__IDLE 16
+/* a step makes no progress if it gains less than this share of the possible gain, */
+#define PANDIS__GAIN 0.25
+/* or, on exact surfaces, less than this, or does not come nearer to the probe */
+#define PANDIS__GAIN_EXACT 1e-9
+/* or, while the probe rests, goes less than this share of its way */
+#define PANDIS__CREEP 0.01
 #define PANDIS__NEAR (PANDIS__GAP / 2) /* lift from which a ball reaches the proxy */
-#define PANDIS__AGAIN 64           /* contact steps after which a resting proxy tries again, */
-#define PANDIS__MOVED 0.2          /* or when the probe has moved by this share of its distance to the proxy */
-#define PANDIS__LEAN 0.05          /* sine of the angle between pull and surface normal below which the proxy rests */
-#define PANDIS__SUNK 1e-6          /* a place counts as free if it is no deeper than this, */
-#define PANDIS__SUNK_SHARE 0.1     /* and no deeper than this share of a step */
+#define PANDIS__AGAIN 64               /* contact steps after which a resting proxy tries again, */
+/* or when the probe has moved by this share of its distance to the proxy */
+#define PANDIS__MOVED 0.2
+/* sine of the angle between pull and surface normal below which the proxy rests */
+#define PANDIS__LEAN 0.05
+#define PANDIS__SUNK 1e-6      /* a place counts as free if it is no deeper than this, */
+#define PANDIS__SUNK_SHARE 0.1 /* and no deeper than this share of a step */
 
-/* Find the free place nearest to a goal, at most `reach` away. Returns 1 if it is in `look`, 0 if none was found, -1 if
- * there was no answer. `slope` is the rate at which the distance grows along the normal: less than 1 in a rounded corner,
- * and perhaps negative in a cell of a trilinear field. A place farther outside than necessary is improved once. */
-PANDIS__ONCE static int pandis__free_place(pandis__proxy *p, const double *goal, double reach, double *slope, pandis__look *look) {
+/* Find the free place nearest to a goal, at most `reach` away. Returns 1 if it is in `look`, 0 if
+ * none was found, -1 if there was no answer. `slope` is the rate at which the distance grows along
+ * the normal: less than 1 in a rounded corner, and perhaps negative in a cell of a trilinear field.
+ * A place farther outside than necessary is improved once. */
+PANDIS__ONCE static int pandis__free_place(
+    pandis__proxy *p, const double *goal, double reach, double *slope, pandis__look *look) {
     double at[3] = {goal[0], goal[1], goal[2]}, last[3] = {0}, before = 0;
     pandis__look high;
     int over = 0;
     const double sunk = fmin(PANDIS__SUNK, PANDIS__SUNK_SHARE * p->state->pace);
     *slope = fmax(0.1, *slope);
-    for (p->count = 0; p->count < 5 && p->queries < p->state->options.budget && pandis__between(at, goal) <= reach;) {
+    for (p->count = 0; p->count < 5 && p->queries < p->state->options.budget &&
+        pandis__between(at, goal) <= reach;) {
         if (!pandis__look_at(p, at, look)) return -1;
-        if (look->distance >= -sunk && (over || !p->count || look->distance <= *slope * 0.02 * reach)) return 1;
+        if (look->distance >= -sunk &&
+            (over || !p->count || look->distance <= *slope * 0.02 * reach))
+            return 1;
         if (over) { /* too near: use the previous place */
             *look = high;
             return 1;
@@ -4283,22 +4728,27 @@ PANDIS__ONCE static int pandis__free_place(pandis__proxy *p, const double *goal,
     return over;
 }
 
-/* Take a free ball above a place, at the lift over the planes that hold the proxy there. Returns 1 if the ball joins the
- * last one or holds the proxy, and reaches the place (if `reaches`); else 0; -1: no answer. It must join because an exact
- * object may be thinner than a step, so the path to a free place need not be free. */
+/* Take a free ball above a place, at the lift over the planes that hold the proxy there. Returns 1
+ * if the ball joins the last one or holds the proxy, and reaches the place (if `reaches`); else 0;
+ * -1: no answer. It must join because an exact object may be thinner than a step, so the path to a
+ * free place need not be free. */
 static int pandis__covers(pandis__proxy *p, const double *place, int reaches) {
     pandis__look look;
     double at[3];
     pandis__lifted(p, place, NULL, p->state->lift, at);
     if (!pandis__look_at(p, at, &look)) return -1;
-    if (!(look.free > 0) || (reaches && pandis__between(at, place) > look.free + PANDIS__GAP)) return 0;
-    if (pandis__between(at, p->ball) > p->ball[3] + look.free && pandis__between(at, p->x) >= look.free) return 0;
+    if (!(look.free > 0) || (reaches && pandis__between(at, place) > look.free + PANDIS__GAP))
+        return 0;
+    if (pandis__between(at, p->ball) > p->ball[3] + look.free &&
+        pandis__between(at, p->x) >= look.free)
+        return 0;
     pandis__take_ball(p, &look);
     return 1;
 }
 
-/* Take a free ball that reaches the proxy, whether or not it joins the last one: at the lift or, if there is none, nearer
- * to the proxy and in front of all walls found. Returns 1, or 0 if none was found, -1 if there was no answer. */
+/* Take a free ball that reaches the proxy, whether or not it joins the last one: at the lift or, if
+ * there is none, nearer to the proxy and in front of all walls found. Returns 1, or 0 if none was
+ * found, -1 if there was no answer. */
 PANDIS__ONCE static int pandis__stand(pandis__proxy *p) {
     pandis__contact *c = p->state;
     for (int turn = 0; turn < 4 && p->queries < c->options.budget; turn++) {
@@ -4322,10 +4772,13 @@ PANDIS__ONCE static int pandis__walk_on(pandis__proxy *p, pandis__way *way, cons
     pandis__plane known[PANDIS__PLANES];
     pandis__look look;
     double slip = -1, clear = 0, slope = 1, side[3] = {0};
-    const int most = c->options.budget - 1; /* one query is left to the hops, which make no progress here */
-    int first = !p->exact, good = 1, anew = 0; /* out of the surface first, if the proxy has sunk in */
+    /* one query is left to the hops, which make no progress here */
+    const int most = c->options.budget - 1;
+    /* out of the surface first, if the proxy has sunk in */
+    int first = !p->exact, good = 1, anew = 0;
     if (p->exact) { /* keep the last ball's height, so that new balls join it */
-        double far = pandis__between(p->ball, p->x), least = fmax(far / PANDIS__FARTHEST, PANDIS__NEAR);
+        double far = pandis__between(p->ball, p->x),
+               least = fmax(far / PANDIS__FARTHEST, PANDIS__NEAR);
         c->lift = fmin(PANDIS__HOVER, fmax(fmin(c->lift, far), least));
         if (far > p->ball[3] + PANDIS__GAP) good = pandis__stand(p);
     }
@@ -4338,32 +4791,45 @@ PANDIS__ONCE static int pandis__walk_on(pandis__proxy *p, pandis__way *way, cons
         const int count = p->count;
         memcpy(known, p->plane, sizeof known);
         good = pandis__free_place(p, goal, first ? PANDIS__PACE : 3 * pace, &slope, &look);
-        double step = pandis__between(look.at, p->x), behind = 0, nearer = left - pandis__between(look.at, probe);
+        double step = pandis__between(look.at, p->x), behind = 0,
+               nearer = left - pandis__between(look.at, probe);
         for (int k = 0; k < 3; k++) {
             along += (look.at[k] - p->x[k]) * (probe[k] - p->x[k]);
             behind -= (look.at[k] - p->x[k]) * side[k];
         }
         along /= fmax(step, PANDIS__SMALL);
-        double friction = (c->sticks ? way->sticking : way->sliding) * sqrt(fmax(0, left * left - along * along));
+        double friction =
+            (c->sticks ? way->sticking : way->sliding) * sqrt(fmax(0, left * left - along * along));
         if (!p->count) friction = 0;
         if (good == 1 && first) good = p->count > 0;
-        else if (good == 1) good = step <= 3 * pace && along > fmax(friction, PANDIS__LEAN * left) && nearer > 1e-3 * pace;
+        else if (good == 1)
+            good = step <= 3 * pace && along > fmax(friction, PANDIS__LEAN * left) &&
+                nearer > 1e-3 * pace;
         /* a place behind the surface with the opposite normal is a thin wall's other side */
-        if (good == 1 && pace > clear && behind > 0.1 * step && pandis__dot(side, look.normal) < -0.5) good = 0;
-        int apart = 0; /* no ball there joins the last one, although the proxy is in front of the walls seen from there */
+        if (good == 1 && pace > clear && behind > 0.1 * step &&
+            pandis__dot(side, look.normal) < -0.5)
+            good = 0;
+        /* no ball there joins the last one, although the proxy is in front of the walls seen from
+         * there */
+        int apart = 0;
         if (good == 1 && p->exact) {
-            good = p->queries < c->options.budget ? pandis__covers(p, look.at, step > PANDIS__SLIVER) : 0;
+            good = p->queries < c->options.budget
+                ? pandis__covers(p, look.at, step > PANDIS__SLIVER)
+                : 0;
             apart = !good && !anew;
-            for (int i = 0; i < p->count; i++) apart = apart && pandis__height(p->plane + i, p->x) > -PANDIS__ABOVE;
+            for (int i = 0; i < p->count; i++)
+                apart = apart && pandis__height(p->plane + i, p->x) > -PANDIS__ABOVE;
         }
         if (good < 0) return 0;
         double slips = slip < 0 ? way->soft < 1 ? way->soft * (along - friction) : 1e300 : slip;
         if (p->count && !first) share = fmax(0, fmin(1, fmin(slips, way->travel) / step));
         /* part of a long step around an edge may be inside */
-        int cuts = share < 1 && pace > PANDIS__CHORD && step > PANDIS__CHORD && pandis__dot(side, look.normal) < PANDIS__FLAT;
+        int cuts = share < 1 && pace > PANDIS__CHORD && step > PANDIS__CHORD &&
+            pandis__dot(side, look.normal) < PANDIS__FLAT;
         if (good || first) memcpy(side, look.normal, sizeof side);
         if (!good || cuts) {
-            if (apart && p->queries < most) { /* above the proxy and the place, balls over the same planes join */
+            /* above the proxy and the place, balls over the same planes join */
+            if (apart && p->queries < most) {
                 c->lift = PANDIS__NEAR, anew = 1;
                 if (pandis__stand(p) < 0) return 0;
             }
@@ -4374,7 +4840,8 @@ PANDIS__ONCE static int pandis__walk_on(pandis__proxy *p, pandis__way *way, cons
             clear = 0;
             continue;
         }
-        if (p->count && !first) slip = slips - share * step, way->travel -= share * step, way->slid += share * step;
+        if (p->count && !first)
+            slip = slips - share * step, way->travel -= share * step, way->slid += share * step;
         for (int k = 0; k < 3; k++) p->x[k] += share * (look.at[k] - p->x[k]);
         c->settled = c->close = c->sticks = 0, clear = p->count ? 0 : look.free;
         if (!p->exact) { /* after an empty ball on the surface, the next step looks from above */
@@ -4384,39 +4851,45 @@ PANDIS__ONCE static int pandis__walk_on(pandis__proxy *p, pandis__way *way, cons
         }
         if (first) continue;
         c->pace = fmin(1.5 * c->pace, PANDIS__PACE);
-        if (p->exact) c->idle = PANDIS__IDLE - 2; /* hops are faster, if they make progress from here */
+        /* hops are faster, if they make progress from here */
+        if (p->exact) c->idle = PANDIS__IDLE - 2;
         if (share < 1) break;
     }
     return 1;
 }
 
 /* Walk, if the proxy is not at rest. 0: no answer. */
-PANDIS__ONCE static int pandis__try_walk(pandis__proxy *p, pandis__way *way, const double *probe, double moved) {
+PANDIS__ONCE static int pandis__try_walk(
+    pandis__proxy *p, pandis__way *way, const double *probe, double moved) {
     pandis__contact *c = p->state;
-    c->rested += 1.0 / PANDIS__AGAIN + moved / fmax(PANDIS__MOVED * pandis__between(probe, p->x), PANDIS__SMALL);
+    c->rested += 1.0 / PANDIS__AGAIN +
+        moved / fmax(PANDIS__MOVED * pandis__between(probe, p->x), PANDIS__SMALL);
     if (c->rested > 1) c->rested = 0, c->pace = fmax(c->pace, PANDIS__PACE / 8);
     return pandis__walk_on(p, way, probe);
 }
 
-/* Go back to a place that was nearer to the probe, if it lies outside. Planes that contradict each other led away from it;
- * without this check, the proxy could circle for ever. 0: no answer. */
+/* Go back to a place that was nearer to the probe, if it lies outside. Planes that contradict each
+ * other led away from it; without this check, the proxy could circle for ever. 0: no answer. */
 PANDIS__ONCE static int pandis__go_back(pandis__proxy *p, const double *place, const double *ball) {
     pandis__look look;
     if (!pandis__look_at(p, place, &look)) return 0;
-    if (look.distance < -fmax(PANDIS__SUNK, p->blur)) return 1; /* the proxy was led out of the surface */
+    /* the proxy was led out of the surface */
+    if (look.distance < -fmax(PANDIS__SUNK, p->blur)) return 1;
     memcpy(p->x, place, 3 * sizeof *place);
     memcpy(p->ball, ball, 5 * sizeof *ball);
     p->count = 0;
     pandis__learn(p, &look, p->x, 0);
-    p->state->lift = fmax(p->state->lift / 4, PANDIS__HOVER / 64); /* from nearer, planes of a round surface fit better */
+    /* from nearer, planes of a round surface fit better */
+    p->state->lift = fmax(p->state->lift / 4, PANDIS__HOVER / 64);
     return 1;
 }
 
-/* Bring the proxy as near to the probe as it can: by hops, or by a walk if hops make no progress. `moved`: the probe's motion.
- * 0: no answer. */
+/* Bring the proxy as near to the probe as it can: by hops, or by a walk if hops make no progress.
+ * `moved`: the probe's motion. 0: no answer. */
 static int pandis__come(pandis__proxy *p, pandis__way *way, const double *probe, double moved) {
     pandis__contact *c = p->state;
-    const double creep = PANDIS__CREEP * way->travel, least = p->exact ? PANDIS__GAIN_EXACT : PANDIS__GAIN * way->travel;
+    const double creep = PANDIS__CREEP * way->travel,
+                 least = p->exact ? PANDIS__GAIN_EXACT : PANDIS__GAIN * way->travel;
     if (c->idle < PANDIS__IDLE) c->rested = 1;
     /* the short steps of a walk do not follow a probe that is faster than the proxy may move */
     else if (moved < 0.5 * way->travel && !pandis__try_walk(p, way, probe, moved)) return 0;
@@ -4431,27 +4904,32 @@ static int pandis__come(pandis__proxy *p, pandis__way *way, const double *probe,
         left += (probe[k] - p->x[k]) * (probe[k] - p->x[k]);
     }
     int creeps = p->exact && moved * moved < gone && gone < creep * creep;
-    int nowhere = left > PANDIS__SMALL * PANDIS__SMALL && (gone < least * least || creeps || apart <= left);
-    if (apart < (1 - 1e-9) * left && p->queries <= c->options.budget + 1 && !pandis__go_back(p, before, ball)) return 0;
+    int nowhere =
+        left > PANDIS__SMALL * PANDIS__SMALL && (gone < least * least || creeps || apart <= left);
+    if (apart < (1 - 1e-9) * left && p->queries <= c->options.budget + 1 &&
+        !pandis__go_back(p, before, ball))
+        return 0;
     c->idle += nowhere ? 2 * (c->idle < PANDIS__IDLE) : -(c->idle > 0);
     return 1;
 }
-/* ---------------------------------------------------------------- contact */
+/* -------------------- contact */
 
-/* Compute the force of spring and damping from the positions of probe and proxy; object's frame, scene units. */
-static void pandis__pull(const pandis__contact *c, const pandis_object *o, const double *normal, double damping,
-                         double *force) {
+/* Compute the force of spring and damping from the positions of probe and proxy; object's frame,
+ * scene units. */
+static void pandis__pull(const pandis__contact *c, const pandis_object *o, const double *normal,
+    double damping, double *force) {
     double per = o->scale / o->field->scale;
     for (int k = 0; k < 3; k++) force[k] = o->stiffness * per * c->pull[k];
-    double push = pandis__dot(force, normal), fast = -damping * pandis__dot(c->velocity, normal) * per;
+    double push = pandis__dot(force, normal),
+           fast = -damping * pandis__dot(c->velocity, normal) * per;
     if (!(push > 0)) return;
     /* at most the spring's force: damping starts at zero and never pulls */
     fast = fast > push ? push : fast < -push ? -push : fast;
     for (int k = 0; k < 3; k++) force[k] += fast * normal[k];
 }
 
-/* Largest radius of a probe (unit frame) that can return to free space. Where the field has only a lower bound of the
- * distance, no free space would be known for a larger probe. */
+/* Largest radius of a probe (unit frame) that can return to free space. Where the field has only a
+ * lower bound of the distance, no free space would be known for a larger probe. */
 static double pandis__widest(const pandis_field *f) {
     if (f->kind == PANDIS_SPLINE) return 0.95 * fmax(f->height, f->as.spline.outside);
     return f->kind == PANDIS_GRID ? 0.95 * f->height : 1e100;
@@ -4466,30 +4944,37 @@ static int pandis__in_range(double x, double most) { return x >= 0 && x <= most;
 
 static int pandis__material_is_sound(const pandis_material *m) {
     return pandis__in_range(m->sticking, 1e100) && pandis__in_range(m->sliding, m->sticking) &&
-           pandis__in_range(m->damping, 1e100) && pandis__in_range(m->drag, 1e100);
+        pandis__in_range(m->damping, 1e100) && pandis__in_range(m->drag, 1e100);
 }
 
-PANDIS__ONCE static pandis_error pandis__check_options(const pandis_contact_options *options, const pandis_object *o) {
+PANDIS__ONCE static pandis_error pandis__check_options(
+    const pandis_contact_options *options, const pandis_object *o) {
     const pandis_texture *t = options->texture;
     double per = o->field->scale / o->scale;
-    int sound = options->budget >= PANDIS__LEAST_BUDGET && pandis__in_range(options->slide, 1e100) &&
-                pandis__in_range(options->radius, 1e100) && (!options->material_count || options->materials);
-    if (t) sound = sound && t->height && pandis__in_range(t->most, 1e100) && pandis__in_range(t->steepest, PANDIS__STEEPEST);
-    for (size_t i = 0; sound && i < options->material_count; i++) sound = pandis__material_is_sound(options->materials + i);
+    int sound = options->budget >= PANDIS__LEAST_BUDGET &&
+        pandis__in_range(options->slide, 1e100) && pandis__in_range(options->radius, 1e100) &&
+        (!options->material_count || options->materials);
+    if (t)
+        sound = sound && t->height && pandis__in_range(t->most, 1e100) &&
+            pandis__in_range(t->steepest, PANDIS__STEEPEST);
+    for (size_t i = 0; sound && i < options->material_count; i++)
+        sound = pandis__material_is_sound(options->materials + i);
     if (!sound) return PANDIS_ERROR_OPTIONS;
     return options->radius * per <= pandis__widest(o->field) ? PANDIS_SUCCESS : PANDIS_ERROR_RADIUS;
 }
 
-PANDIS__ONCE PANDIS_API pandis_contact_options pandis_contact_defaults(const pandis_object *object) {
+PANDIS__ONCE PANDIS_API pandis_contact_options pandis_contact_defaults(
+    const pandis_object *object) {
     pandis_contact_options options;
     memset(&options, 0, sizeof options);
     options.budget = PANDIS__BUDGET;
-    if (pandis__lies(object)) options.slide = 0.5 * PANDIS__LONGEST * object->scale / object->field->scale;
+    if (pandis__lies(object))
+        options.slide = 0.5 * PANDIS__LONGEST * object->scale / object->field->scale;
     return options;
 }
 
-PANDIS__ONCE PANDIS_API pandis_error pandis_contact_open(pandis_contact *contact, const pandis_object *object,
-                                            const pandis_contact_options *options) {
+PANDIS__ONCE PANDIS_API pandis_error pandis_contact_open(
+    pandis_contact *contact, const pandis_object *object, const pandis_contact_options *options) {
     pandis__contact *c = pandis__contact_of(contact);
     pandis_contact_options defaults = pandis_contact_defaults(object);
     memset(contact, 0, sizeof *contact);
@@ -4507,18 +4992,22 @@ PANDIS_API pandis_contact_options pandis_contact_get(const pandis_contact *conta
     return pandis__contact_in(contact)->options;
 }
 
-PANDIS_API pandis_error pandis_contact_set(pandis_contact *contact, const pandis_contact_options *options) {
+PANDIS_API pandis_error pandis_contact_set(
+    pandis_contact *contact, const pandis_contact_options *options) {
     pandis__contact *c = pandis__contact_of(contact);
     if (!c->options.budget) return PANDIS_ERROR_OPTIONS; /* the contact is not open */
     pandis_error error = pandis__check_options(options, &c->object);
     if (error) return error;
     /* the known free space depends on the old radius and texture */
-    if (options->radius != c->options.radius || options->texture != c->options.texture) c->ball[3] = -1;
+    if (options->radius != c->options.radius || options->texture != c->options.texture)
+        c->ball[3] = -1;
     c->options = *options;
     return PANDIS_SUCCESS;
 }
 
-PANDIS_API void pandis_contact_reshaped(pandis_contact *contact) { pandis__contact_of(contact)->ball[3] = -1; }
+PANDIS_API void pandis_contact_reshaped(pandis_contact *contact) {
+    pandis__contact_of(contact)->ball[3] = -1;
+}
 
 /* Move the walls outward by `by`, at most to the probe, and the proxy to the probe. */
 static void pandis__stand_at(pandis__proxy *p, const double *probe, pandis__look *look, double by) {
@@ -4531,8 +5020,8 @@ static void pandis__stand_at(pandis__proxy *p, const double *probe, pandis__look
     pandis__learn(p, look, probe, look->distance);
 }
 
-/* Begin at the probe. If it is inside, the walls are moved in to its depth until it comes out, so that it is neither
- * kicked out nor let through. */
+/* Begin at the probe. If it is inside, the walls are moved in to its depth until it comes out, so
+ * that it is neither kicked out nor let through. */
 static int pandis__begin(pandis__proxy *p, const double *probe) {
     pandis__look look;
     if (!pandis__look_at(p, probe, &look) || (look.distance < 0 && p->flag != PANDIS_OK)) return 0;
@@ -4560,8 +5049,8 @@ static void pandis__find_region(pandis__proxy *p) {
     p->state->region = answer.region;
 }
 
-static void pandis__tell_touch(const pandis__proxy *p, const pandis__way *way, const pandis_object *o, double damping,
-                               pandis_touch *touch) {
+static void pandis__tell_touch(const pandis__proxy *p, const pandis__way *way,
+    const pandis_object *o, double damping, pandis_touch *touch) {
     const pandis__contact *c = p->state;
     double per = o->scale / p->field->scale, normal[3], force[3], place[3];
     for (int k = 0; k < 3; k++) normal[k] = way->active ? way->goal[k] - c->probe[k] : c->pull[k];
@@ -4575,7 +5064,8 @@ static void pandis__tell_touch(const pandis__proxy *p, const pandis__way *way, c
         touch->proxy[k] = o->scale * pandis__dot(row, place) + o->translation[k];
     }
     touch->slip = way->slid * per, touch->face = c->face, touch->region = c->region;
-    touch->state = (way->active ? PANDIS_TOUCHING : 0) | (way->active && c->sticks ? PANDIS_STICKING : 0);
+    touch->state =
+        (way->active ? PANDIS_TOUCHING : 0) | (way->active && c->sticks ? PANDIS_STICKING : 0);
     for (int i = 0; i < PANDIS__PLANES; i++) touch->planes += way->active >> i & 1;
     if (way->active) touch->depth = pandis__between(way->goal, c->probe) * per;
     int apart = memcmp(c->proxy, c->probe, sizeof c->probe) != 0;
@@ -4583,27 +5073,35 @@ static void pandis__tell_touch(const pandis__proxy *p, const pandis__way *way, c
     if (c->sunk > 0) touch->state |= PANDIS_WAITING;
 }
 
-PANDIS_API pandis_flag pandis_contact_step(pandis_contact *handle, const pandis_object *object, const double position[3],
-                                           double dt, pandis_touch *touch) {
+PANDIS_API pandis_flag pandis_contact_step(pandis_contact *handle, const pandis_object *object,
+    const double position[3], double dt, pandis_touch *touch) {
     pandis__contact *contact = pandis__contact_of(handle);
     const pandis_contact_options *options = &contact->options;
     static const pandis_material smooth = {0, 0, 0, 0};
     const pandis_field *f = object->field;
-    double point[3], probe[3], per = f->scale / object->scale; /* unit-frame lengths per scene length */
+    /* unit-frame lengths per scene length */
+    double point[3], probe[3], per = f->scale / object->scale;
     memset(touch, 0, sizeof *touch);
     touch->flag = PANDIS_INVALID, touch->face = touch->region = -1;
     pandis__enter(object, position, point);
     if (!pandis__unit(f, point, probe) || !(dt > 0) || !options->budget) return PANDIS_INVALID;
-    if (!pandis__knows_distance(f) || options->radius * per > pandis__widest(f)) return PANDIS_INVALID;
+    if (!pandis__knows_distance(f) || options->radius * per > pandis__widest(f))
+        return PANDIS_INVALID;
     const pandis_material *material = options->material_count ? options->materials : &smooth;
-    if (contact->region > 0 && (size_t)contact->region < options->material_count) material += contact->region;
-    if (!pandis__in_range(object->stiffness, PANDIS__STIFFEST) || !pandis__material_is_sound(material)) return PANDIS_INVALID;
-    if (contact->object.field != f || contact->object.scale != object->scale) contact->state = PANDIS__BEGINS;
+    if (contact->region > 0 && (size_t)contact->region < options->material_count)
+        material += contact->region;
+    if (!pandis__in_range(object->stiffness, PANDIS__STIFFEST) ||
+        !pandis__material_is_sound(material))
+        return PANDIS_INVALID;
+    if (contact->object.field != f || contact->object.scale != object->scale)
+        contact->state = PANDIS__BEGINS;
     if (contact->state == PANDIS__BEGINS) contact->sunk = 0;
     contact->object = *object;
     pandis__proxy p; /* unused planes are uninitialised */
-    p.state = contact, p.field = f, p.radius = options->radius * per - contact->sunk, p.tolerance = 1e-11;
-    p.blur = f->kind == PANDIS_COMPACT ? f->as.compact.step : PANDIS__BEHIND; /* the lattice step; rounding may fold faces */
+    p.state = contact, p.field = f, p.radius = options->radius * per - contact->sunk,
+    p.tolerance = 1e-11;
+    /* the lattice step; rounding may fold faces */
+    p.blur = f->kind == PANDIS_COMPACT ? f->as.compact.step : PANDIS__BEHIND;
     p.queries = 0, p.flag = PANDIS_OK;
     p.exact = f->kind == PANDIS_MESH || f->kind == PANDIS_COMPACT || f->kind == PANDIS_SHAPE;
     p.flat = p.exact && !options->texture;
@@ -4612,15 +5110,21 @@ PANDIS_API pandis_flag pandis_contact_step(pandis_contact *handle, const pandis_
     memcpy(p.plane, contact->plane, (size_t)p.count * sizeof *p.plane);
     if (!contact->stalled) contact->lift = fmin(PANDIS__HOVER, 1.5 * contact->lift);
 
-    double moved = contact->state == PANDIS__BEGINS ? 0 : pandis__between(probe, contact->probe), pulled[3];
-    double soft = material->drag > 0 ? object->stiffness * dt / (object->stiffness * dt + material->drag) : 1;
-    pandis__way way = {moved + options->slide * dt * per, material->sticking, material->sliding, soft, -1, 1, 0, {0}, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0};
+    double moved = contact->state == PANDIS__BEGINS ? 0 : pandis__between(probe, contact->probe),
+           pulled[3];
+    double soft =
+        material->drag > 0 ? object->stiffness * dt / (object->stiffness * dt + material->drag) : 1;
+    pandis__way way = {moved + options->slide * dt * per, material->sticking, material->sliding,
+        soft, -1, 1, 0, {0}, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0};
     int answered = 1;
     if (contact->state == PANDIS__BEGINS) answered = pandis__begin(&p, probe);
     else if (!(contact->ball[3] > 0)) answered = pandis__regain(&p);
-    if (contact->state != PANDIS__BEGINS) answered = answered && pandis__come(&p, &way, probe, moved);
-    if (contact->sunk > 0 && !way.active && !memcmp(p.x, probe, sizeof probe)) answered = answered && pandis__rise(&p, probe);
-    if (answered && way.active && p.queries && options->regions && !f->regions) pandis__find_region(&p);
+    if (contact->state != PANDIS__BEGINS)
+        answered = answered && pandis__come(&p, &way, probe, moved);
+    if (contact->sunk > 0 && !way.active && !memcmp(p.x, probe, sizeof probe))
+        answered = answered && pandis__rise(&p, probe);
+    if (answered && way.active && p.queries && options->regions && !f->regions)
+        pandis__find_region(&p);
     touch->queries = p.queries, touch->flag = p.flag;
     if (contact->state == PANDIS__BEGINS) {
         touch->state = p.flag == PANDIS_INVALID ? 0 : PANDIS_WAITING;
@@ -4628,7 +5132,8 @@ PANDIS_API pandis_flag pandis_contact_step(pandis_contact *handle, const pandis_
     }
     if (!answered) return touch->flag = PANDIS_INVALID;
     contact->planes = p.count < PANDIS__KEPT ? p.count : PANDIS__KEPT;
-    memcpy(contact->plane, p.plane + (p.count - contact->planes), (size_t)contact->planes * sizeof *p.plane);
+    memcpy(contact->plane, p.plane + (p.count - contact->planes),
+        (size_t)contact->planes * sizeof *p.plane);
     int active = way.active;
     if (active) contact->state = PANDIS__TOUCHES;
     if (!active) contact->sticks = 0;
@@ -4654,28 +5159,31 @@ PANDIS_API pandis_flag pandis_contact_step(pandis_contact *handle, const pandis_
     pandis__tell_touch(&p, &way, object, material->damping, touch);
     return touch->flag;
 }
-/* ---------------------------------------------------------------- contacts of a scene */
+/* -------------------- contacts of a scene */
 
-PANDIS__ONCE PANDIS_API pandis_error pandis_scene_touch_open(pandis_scene *scene, pandis_contact *contacts,
-                                                const pandis_contact_options *options, size_t count) {
+PANDIS__ONCE PANDIS_API pandis_error pandis_scene_touch_open(pandis_scene *scene,
+    pandis_contact *contacts, const pandis_contact_options *options, size_t count) {
     pandis__scene *s = pandis__scene_of(scene);
     pandis_error error = PANDIS_SUCCESS;
     if (count != s->count) return PANDIS_ERROR_COUNT;
     s->contacts = contacts;
     for (int k = 0; k < 3; k++) s->probe[k] = (double)NAN;
     for (size_t i = 0; i < count; i++) {
-        pandis_error why = pandis_contact_open(contacts + i, s->objects + i, options ? options + i : NULL);
+        pandis_error why =
+            pandis_contact_open(contacts + i, s->objects + i, options ? options + i : NULL);
         if (!why) why = pandis__wake_object(s, i);
         if (!error) error = why;
     }
     return error;
 }
 
-/* Move the proxy of a contact that was not stepped to the probe's last position: nothing was in its way. */
+/* Move the proxy of a contact that was not stepped to the probe's last position: nothing was in its
+ * way. */
 static void pandis__wake(const pandis__scene *scene, size_t index) {
     pandis__contact *c = pandis__contact_of(scene->contacts + index);
     double point[3], probe[3];
-    if (c->state != PANDIS__CLEAR || memcmp(c->proxy, c->probe, sizeof c->probe)) return; /* the proxy is behind */
+    /* the proxy is behind */
+    if (c->state != PANDIS__CLEAR || memcmp(c->proxy, c->probe, sizeof c->probe)) return;
     pandis__enter(&c->object, scene->probe, point); /* at its pose in that step */
     if (!pandis__unit(c->object.field, point, probe)) return;
     memcpy(c->proxy, probe, sizeof probe), memcpy(c->probe, probe, sizeof probe);
@@ -4685,11 +5193,12 @@ static void pandis__wake(const pandis__scene *scene, size_t index) {
 static double pandis__at_ease(const pandis__contact *c, const pandis_object *o) {
     if (c->state != PANDIS__CLEAR || c->sunk > 0 || pandis__dot(c->pull, c->pull) > 0) return 0;
     if (memcmp(c->proxy, c->probe, sizeof c->probe)) return 0;
-    return (c->ball[4] - pandis__between(c->probe, c->ball)) * (o->scale / o->field->scale) * (1 - 4e-6);
+    return (c->ball[4] - pandis__between(c->probe, c->ball)) * (o->scale / o->field->scale) *
+        (1 - 4e-6);
 }
 
-PANDIS_API pandis_flag pandis_scene_touch(pandis_scene *scene, const double position[3], double dt, double force[3],
-                                          pandis_touch *touches, size_t most, size_t *touched) {
+PANDIS_API pandis_flag pandis_scene_touch(pandis_scene *scene, const double position[3], double dt,
+    double force[3], pandis_touch *touches, size_t most, size_t *touched) {
     pandis__scene *s = pandis__scene_of(scene);
     pandis_flag worst = PANDIS_OK;
     size_t count = 0;
@@ -4702,7 +5211,8 @@ PANDIS_API pandis_flag pandis_scene_touch(pandis_scene *scene, const double posi
         if (!(fabs(position[k]) <= 1e100)) return PANDIS_INVALID;
         size = fmax(size, fabs(position[k]));
     }
-    for (size_t i = 0; (i = pandis__next_awake(s, PANDIS__OF_CONTACTS, i, position)) < s->count; i++) {
+    for (size_t i = 0; (i = pandis__next_awake(s, PANDIS__OF_CONTACTS, i, position)) < s->count;
+        i++) {
         const pandis_object *o = s->objects + i;
         const pandis__contact *c = pandis__contact_in(s->contacts + i);
         pandis_touch touch;
@@ -4711,8 +5221,10 @@ PANDIS_API pandis_flag pandis_scene_touch(pandis_scene *scene, const double posi
         pandis__wake(s, i);
         worst = pandis__worse(pandis_contact_step(s->contacts + i, o, position, dt, &touch), worst);
         s->queries += (size_t)touch.queries;
-        for (int k = 0; k < 3; k++) force[k] += touch.force[k], far = fmax(far, fabs(o->translation[k]));
-        pandis__keep_ball(pandis__ball(s, PANDIS__OF_CONTACTS, i), position, pandis__at_ease(c, o) - 1e-12 * far);
+        for (int k = 0; k < 3; k++)
+            force[k] += touch.force[k], far = fmax(far, fabs(o->translation[k]));
+        pandis__keep_ball(
+            pandis__ball(s, PANDIS__OF_CONTACTS, i), position, pandis__at_ease(c, o) - 1e-12 * far);
         if (!(touch.state & (PANDIS_TOUCHING | PANDIS_BEHIND))) continue;
         touch.object = (int32_t)i;
         if (touches && count < most) touches[count] = touch;
@@ -4722,7 +5234,7 @@ PANDIS_API pandis_flag pandis_scene_touch(pandis_scene *scene, const double posi
     if (touched) *touched = count;
     return worst;
 }
-/* ---------------------------------------------------------------- files */
+/* -------------------- files */
 
 #define PANDIS__HEADER 256
 #define PANDIS__SECTION 24
@@ -4733,7 +5245,9 @@ static uint32_t pandis__u32(const unsigned char *p) {
     return (uint32_t)p[0] | (uint32_t)p[1] << 8 | (uint32_t)p[2] << 16 | (uint32_t)p[3] << 24;
 }
 
-static uint64_t pandis__u64(const unsigned char *p) { return pandis__u32(p) | (uint64_t)pandis__u32(p + 4) << 32; }
+static uint64_t pandis__u64(const unsigned char *p) {
+    return pandis__u32(p) | (uint64_t)pandis__u32(p + 4) << 32;
+}
 
 static double pandis__f64(const unsigned char *p) {
     uint64_t bits = pandis__u64(p);
@@ -4760,13 +5274,16 @@ static int32_t pandis__whole(const pandis_field *f, int k) {
     return value <= INT32_MAX ? (int32_t)value : -1;
 }
 
-static double pandis__real(const pandis_field *f, int k) { return pandis__f64(f->data + 128 + 8 * k); }
+static double pandis__real(const pandis_field *f, int k) {
+    return pandis__f64(f->data + 128 + 8 * k);
+}
 
 /* Find a section by its name, and its size in bytes; NULL if there is none. */
 static const unsigned char *pandis__find(const pandis_field *f, const char *name, uint64_t *bytes) {
     const unsigned char *entry = f->data + PANDIS__HEADER;
     *bytes = 0;
-    for (uint32_t i = 0, sections = pandis__u32(f->data + 36); i < sections; i++, entry += PANDIS__SECTION) {
+    for (uint32_t i = 0, sections = pandis__u32(f->data + 36); i < sections;
+        i++, entry += PANDIS__SECTION) {
         if (memcmp(entry, name, 4)) continue;
         *bytes = pandis__u64(entry + 16);
         return f->data + (size_t)pandis__u64(entry + 8);
@@ -4774,8 +5291,10 @@ static const unsigned char *pandis__find(const pandis_field *f, const char *name
     return NULL;
 }
 
-/* Find a section by its name, if it contains `count` values of `each` bytes; sections have been checked. */
-static const void *pandis__section(const pandis_field *f, const char *name, uint64_t count, uint64_t each) {
+/* Find a section by its name, if it contains `count` values of `each` bytes; sections have been
+ * checked. */
+static const void *pandis__section(
+    const pandis_field *f, const char *name, uint64_t count, uint64_t each) {
     uint64_t bytes;
     const unsigned char *section = pandis__find(f, name, &bytes);
     return bytes == count * each ? section : NULL;
@@ -4798,7 +5317,8 @@ PANDIS_API const char *pandis_region(const pandis_field *field, int region) {
     uint64_t bytes = 0;
     const char *name = field->regions ? (const char *)pandis__find(field, "RNAM", &bytes) : NULL;
     const char *end = name ? name + bytes : NULL;
-    for (int i = 0; i < region && name < end; i++) name += strlen(name) + 1; /* the last one ends with a zero */
+    /* the last one ends with a zero */
+    for (int i = 0; i < region && name < end; i++) name += strlen(name) + 1;
     return region >= 0 && name < end ? name : NULL;
 }
 
@@ -4815,15 +5335,15 @@ static int pandis__finite64(const double *values, uint64_t count) {
 }
 
 static uint64_t pandis__cube(int32_t n) { return (uint64_t)n * (uint64_t)n * (uint64_t)n; }
-
-/* ---------------------------------------------------------------- files with trees */
+/* -------------------- files with trees */
 
 /* Get the child of a node at one of its eight places; returns 0 if there is none. */
 typedef int (*pandis__child)(const void *nodes, int32_t node, int place, int32_t *child);
 
-/* Check a tree: nodes and leaves must be in the order in which a traversal visits them, each once, and no deeper than
- * the stack. Then no query can loop, or visit more leaves than there are. */
-static int pandis__walk(const void *tree, pandis__child child_of, int32_t node_count, int32_t leaf_count) {
+/* Check a tree: nodes and leaves must be in the order in which a traversal visits them, each once,
+ * and no deeper than the stack. Then no query can loop, or visit more leaves than there are. */
+static int pandis__walk(
+    const void *tree, pandis__child child_of, int32_t node_count, int32_t leaf_count) {
     int32_t path[PANDIS__DEEPEST], nodes = 1, leaves = 0;
     int next[PANDIS__DEEPEST], depth = 0;
     path[0] = 0, next[0] = 0;
@@ -4868,26 +5388,32 @@ PANDIS__ONCE static int pandis__open_mesh(pandis_field *f) {
     int32_t most = pandis__whole(f, 4);
     if (most < 0 || (most > 0 && most < 9)) return 0; /* at least a leaf and all of its faces */
     m->most = most ? most : INT32_MAX;
-    if (m->vertex_count < 3 || m->face_count < 1 || m->node_count < 1 || m->leaf_count < 1) return 0;
+    if (m->vertex_count < 3 || m->face_count < 1 || m->node_count < 1 || m->leaf_count < 1)
+        return 0;
     if (!(m->reach >= 0 && m->reach <= 1e30)) return 0;
     uint64_t v = (uint64_t)m->vertex_count, t = (uint64_t)m->face_count;
     m->vertices = (const double *)pandis__section(f, "VERT", 3 * v, sizeof(double));
     m->vertex_normals = (const double *)pandis__section(f, "VNRM", 3 * v, sizeof(double));
     m->faces = (const int32_t *)pandis__section(f, "FACE", 3 * t, sizeof(int32_t));
     m->neighbours = (const int32_t *)pandis__section(f, "NEIG", 3 * t, sizeof(int32_t));
-    m->nodes = (const pandis__node *)pandis__section(f, "TREE", (uint64_t)m->node_count, sizeof(pandis__node));
-    m->leaves = (const pandis__leaf *)pandis__section(f, "LEAF", (uint64_t)m->leaf_count, sizeof(pandis__leaf));
+    m->nodes = (const pandis__node *)pandis__section(
+        f, "TREE", (uint64_t)m->node_count, sizeof(pandis__node));
+    m->leaves = (const pandis__leaf *)pandis__section(
+        f, "LEAF", (uint64_t)m->leaf_count, sizeof(pandis__leaf));
     if (!m->faces || !m->neighbours || !m->nodes || !m->leaves) return 0;
-    if (!pandis__finite64(m->vertices, 3 * v) || !pandis__finite64(m->vertex_normals, 3 * v)) return 0;
+    if (!pandis__finite64(m->vertices, 3 * v) || !pandis__finite64(m->vertex_normals, 3 * v))
+        return 0;
     for (uint64_t i = 0; i < 3 * t; i++)
-        if (m->faces[i] < 0 || m->faces[i] >= m->vertex_count || m->neighbours[i] < -1 || m->neighbours[i] >= m->face_count)
+        if (m->faces[i] < 0 || m->faces[i] >= m->vertex_count || m->neighbours[i] < -1 ||
+            m->neighbours[i] >= m->face_count)
             return 0;
     for (int32_t i = 0; i < m->leaf_count; i++) {
         const pandis__leaf *leaf = m->leaves + i;
         for (int k = 0; k < PANDIS__WIDTH; k++)
             if (leaf->face[k] < (k ? -1 : 0) || leaf->face[k] >= m->face_count) return 0;
         if (!pandis__finite(leaf->origin, 3) || !(leaf->step > 0 && leaf->step <= 1e30f)) return 0;
-        if (!(leaf->slack >= 0 && leaf->slack <= 1e30f && leaf->share >= 0 && leaf->share < 0.5f)) return 0;
+        if (!(leaf->slack >= 0 && leaf->slack <= 1e30f && leaf->share >= 0 && leaf->share < 0.5f))
+            return 0;
     }
     return pandis__walk(m->nodes, pandis__node_child, m->node_count, m->leaf_count);
 }
@@ -4901,7 +5427,8 @@ static int pandis__good_block(const pandis__compact *t, int32_t block, uint64_t 
     uint64_t groups = (faces + PANDIS__WIDTH - 1) / PANDIS__WIDTH;
     for (int k = 0; k < 3; k++) {
         uint32_t own = record->counts >> (12 + 5 * k) & 31;
-        if (own > PANDIS__MOST_BITS + 1 || record->origin >> (21 * k + PANDIS__MOST_BITS) & 1) return 0;
+        if (own > PANDIS__MOST_BITS + 1 || record->origin >> (21 * k + PANDIS__MOST_BITS) & 1)
+            return 0;
         bits += own;
     }
     uint64_t bytes = 6 * PANDIS__WIDTH + PANDIS__GROUP_BYTES * groups + (bits / 8 + 1) * corners;
@@ -4919,8 +5446,8 @@ static int pandis__good_block(const pandis__compact *t, int32_t block, uint64_t 
 /* Open the list of original faces, which needs an entry for every face of every block. */
 PANDIS__ONCE static int pandis__open_originals(pandis_field *f) {
     pandis__compact *t = &f->as.compact;
-    const int32_t *original =
-        (const int32_t *)pandis__section(f, "ORIG", (uint64_t)t->block_count * PANDIS__BLOCK, sizeof(int32_t));
+    const int32_t *original = (const int32_t *)pandis__section(
+        f, "ORIG", (uint64_t)t->block_count * PANDIS__BLOCK, sizeof(int32_t));
     if (!original) return 0;
     for (int32_t i = 0; i < t->block_count; i++)
         for (int k = 0; k < PANDIS__BLOCK; k++) {
@@ -4934,33 +5461,40 @@ PANDIS__ONCE static int pandis__open_originals(pandis_field *f) {
 
 PANDIS__ONCE static int pandis__open_compact(pandis_field *f) {
     pandis__compact *t = &f->as.compact;
-    t->bits = pandis__whole(f, 0), t->branch_count = pandis__whole(f, 1), t->block_count = pandis__whole(f, 2);
+    t->bits = pandis__whole(f, 0), t->branch_count = pandis__whole(f, 1),
+    t->block_count = pandis__whole(f, 2);
     t->reach = pandis__real(f, 0);
-    if (t->bits < 4 || t->bits > PANDIS__MOST_BITS || t->branch_count < 1 || t->block_count < 1) return 0;
-    if (t->block_count > INT32_MAX / PANDIS__BLOCK - 1 || !(t->reach >= 0 && t->reach <= 1)) return 0;
+    if (t->bits < 4 || t->bits > PANDIS__MOST_BITS || t->branch_count < 1 || t->block_count < 1)
+        return 0;
+    if (t->block_count > INT32_MAX / PANDIS__BLOCK - 1 || !(t->reach >= 0 && t->reach <= 1))
+        return 0;
     int32_t most = pandis__whole(f, 4);
     if (most < 0 || (most > 0 && most < 9)) return 0; /* at least a block and all of its groups */
     t->most = most ? most : INT32_MAX;
     t->step = 2 * PANDIS__HALF / ((1 << t->bits) - 1);
     uint64_t size = (uint64_t)(uint32_t)pandis__whole(f, 3);
-    t->branches = (const pandis__branch *)pandis__section(f, "BRCH", (uint64_t)t->branch_count, sizeof(pandis__branch));
-    t->blocks = (const pandis__block_record *)pandis__section(f, "BLCK", (uint64_t)t->block_count, sizeof(pandis__block_record));
+    t->branches = (const pandis__branch *)pandis__section(
+        f, "BRCH", (uint64_t)t->branch_count, sizeof(pandis__branch));
+    t->blocks = (const pandis__block_record *)pandis__section(
+        f, "BLCK", (uint64_t)t->block_count, sizeof(pandis__block_record));
     t->packed = (const unsigned char *)pandis__section(f, "PACK", size, 1);
     if (!t->branches || !t->blocks || !t->packed) return 0;
     for (int32_t i = 0; i < t->branch_count; i++) {
         const pandis__branch *b = t->branches + i;
         if (b->count < 1 || b->count > PANDIS__WIDTH) return 0;
         for (int k = 0; k < 3; k++)
-            if (b->shift[k] > PANDIS__MOST_BITS || b->origin[k] < 0 || b->origin[k] >> PANDIS__MOST_BITS) return 0;
+            if (b->shift[k] > PANDIS__MOST_BITS || b->origin[k] < 0 ||
+                b->origin[k] >> PANDIS__MOST_BITS)
+                return 0;
     }
     for (int32_t i = 0; i < t->block_count; i++)
         if (!pandis__good_block(t, i, size)) return 0;
     if (pandis__has_section(f, "ORIG") && !pandis__open_originals(f)) return 0;
     return pandis__walk(t->branches, pandis__branch_child, t->branch_count, t->block_count);
 }
-
 /* Open a lattice that covers the box with `cells` cells per axis. */
-PANDIS__ONCE static int pandis__open_lattice(const pandis_field *f, const char *name, int32_t cells, pandis__lattice *l) {
+PANDIS__ONCE static int pandis__open_lattice(
+    const pandis_field *f, const char *name, int32_t cells, pandis__lattice *l) {
     l->size = cells + 3, l->low = -1 - 2.0 / cells, l->per_step = (l->size - 1) / (-2 * l->low);
     l->values = (const float *)pandis__section(f, name, pandis__cube(l->size), sizeof(float));
     return pandis__finite(l->values, pandis__cube(l->size));
@@ -4969,16 +5503,22 @@ PANDIS__ONCE static int pandis__open_lattice(const pandis_field *f, const char *
 PANDIS__ONCE static int pandis__open_network(pandis_field *f) {
     pandis__network *n = &f->as.network;
     int32_t base = pandis__whole(f, 3), bits = pandis__whole(f, 4);
-    n->width = pandis__whole(f, 0), n->depth = pandis__whole(f, 1), n->outputs = pandis__whole(f, 2);
-    if (n->width < 1 || n->width > PANDIS_MOST_WIDTH || n->depth < 1 || n->depth > PANDIS_MOST_DEPTH) return 0;
-    if ((n->outputs != 1 && n->outputs != 4) || (bits != 16 && bits != 32) || base < 0 || base > 512) return 0;
+    n->width = pandis__whole(f, 0), n->depth = pandis__whole(f, 1),
+    n->outputs = pandis__whole(f, 2);
+    if (n->width < 1 || n->width > PANDIS_MOST_WIDTH || n->depth < 1 ||
+        n->depth > PANDIS_MOST_DEPTH)
+        return 0;
+    if ((n->outputs != 1 && n->outputs != 4) || (bits != 16 && bits != 32) || base < 0 ||
+        base > 512)
+        return 0;
     n->stride = (n->width + PANDIS__LANES - 1) / PANDIS__LANES * PANDIS__LANES;
     uint64_t row = (uint64_t)n->stride, rows = (uint64_t)(n->depth - 1) * (uint64_t)n->width;
     uint64_t biases = (uint64_t)n->depth * row + 4;
     n->first = (const float *)pandis__section(f, "WIN ", 3 * row, sizeof(float));
     n->last = (const float *)pandis__section(f, "WOUT", (uint64_t)n->outputs * row, sizeof(float));
     n->biases = (const float *)pandis__section(f, "BIAS", biases, sizeof(float));
-    if (!pandis__finite(n->first, 3 * row) || !pandis__finite(n->last, (uint64_t)n->outputs * row)) return 0;
+    if (!pandis__finite(n->first, 3 * row) || !pandis__finite(n->last, (uint64_t)n->outputs * row))
+        return 0;
     if (!pandis__finite(n->biases, biases)) return 0;
     if (bits == 32) {
         n->hidden = (const float *)pandis__section(f, "WHID", rows * row, sizeof(float));
@@ -5004,7 +5544,8 @@ PANDIS__ONCE static int pandis__open_grid(pandis_field *f) {
         if (g->rule == PANDIS__TRICUBIC && (g->low[k] > -1 || g->high[k] < 1)) return 0;
         g->per_step[k] = (g->size - 1) / (g->high[k] - g->low[k]);
     }
-    uint64_t count = pandis__cube(g->size) * (uint64_t)g->channels, bits = pandis__cube(g->size - 1);
+    uint64_t count = pandis__cube(g->size) * (uint64_t)g->channels,
+             bits = pandis__cube(g->size - 1);
     g->covered = (const uint8_t *)pandis__section(f, "COVR", (bits + 7) / 8, 1);
     if (!g->covered) return 0;
     if (g->rule == PANDIS__TRICUBIC) return pandis__open_lattice(f, "NODE", g->size - 1, &g->cubic);
@@ -5013,14 +5554,17 @@ PANDIS__ONCE static int pandis__open_grid(pandis_field *f) {
 }
 
 PANDIS__ONCE static int pandis__open_layout(pandis_field *f, int level) {
-    static const char *const names[2][4] = {{"BBRK", "BMSK", "BBAS", "BCOF"}, {"FBRK", "FMSK", "FBAS", "FCOF"}};
+    static const char *const names[2][4] = {
+        {"BBRK", "BMSK", "BBAS", "BCOF"}, {"FBRK", "FMSK", "FBAS", "FCOF"}};
     pandis__spline *s = &f->as.spline;
     pandis__layout *l = s->layout + level;
     int32_t kept = pandis__whole(f, 4 + level), blocks = pandis__whole(f, 6 + level);
     l->size = pandis__whole(f, level), l->bricks = pandis__whole(f, 2 + level);
     l->low = pandis__real(f, level);
     if (l->size < 4 || l->size > 1024 || l->bricks < 1 || l->bricks != (l->size + 7) / 8) return 0;
-    if (kept < 0 || kept >= PANDIS__NO_BRICK || blocks < 0 || blocks > INT32_MAX / 8 || !(l->low <= -1 && l->low > -3)) return 0;
+    if (kept < 0 || kept >= PANDIS__NO_BRICK || blocks < 0 || blocks > INT32_MAX / 8 ||
+        !(l->low <= -1 && l->low > -3))
+        return 0;
     l->per_step = (l->size - 1) / (-2 * l->low);
     l->brick = (const uint16_t *)pandis__section(f, names[level][0], pandis__cube(l->bricks), 2);
     l->mask = (const uint64_t *)pandis__section(f, names[level][1], (uint64_t)kept, 8);
@@ -5067,12 +5611,14 @@ PANDIS__ONCE static int pandis__open_shape(pandis_field *f) {
     return s->shape >= 0 && s->shape <= PANDIS__CAPSULE;
 }
 
-/* Read the box around the surface, two measured margins and a height. A probe farther outside the box than the first
- * margin touches nothing, nor does one before it has moved by the distance less a margin: the second if the answer is
- * flagged as a bound, else the first. Where an answer in the box is flagged so and positive, no surface is nearer than
- * the height. Without the section, nothing is known. */
+/* Read the box around the surface, two measured margins and a height. A probe farther outside the
+ * box than the first margin touches nothing, nor does one before it has moved by the distance less
+ * a margin: the second if the answer is flagged as a bound, else the first. Where an answer in the
+ * box is flagged so and positive, no surface is nearer than the height. Without the section,
+ * nothing is known. */
 PANDIS__ONCE static int pandis__measure(pandis_field *f) {
-    const unsigned char *bounds = (const unsigned char *)pandis__section(f, "SAFE", 9, sizeof(double));
+    const unsigned char *bounds =
+        (const unsigned char *)pandis__section(f, "SAFE", 9, sizeof(double));
     for (int k = 0; k < 2; k++) {
         f->margin[k] = bounds ? pandis__f64(bounds + 48 + 8 * k) : (double)INFINITY;
         if (!(f->margin[k] >= 0)) return 0;
@@ -5090,7 +5636,8 @@ PANDIS__ONCE static int pandis__measure(pandis_field *f) {
 /* Read the region of each face, and the regions' names. */
 PANDIS__ONCE static int pandis__open_regions(pandis_field *f) {
     int mesh = f->kind == PANDIS_MESH;
-    uint64_t count = mesh ? (uint64_t)f->as.mesh.face_count : (uint64_t)f->as.compact.block_count * PANDIS__BLOCK;
+    uint64_t count = mesh ? (uint64_t)f->as.mesh.face_count
+                          : (uint64_t)f->as.compact.block_count * PANDIS__BLOCK;
     uint64_t bytes, names = 0;
     const unsigned char *text = pandis__find(f, "RNAM", &bytes);
     const uint8_t *regions = (const uint8_t *)pandis__section(f, "REGN", count, 1);
@@ -5109,20 +5656,25 @@ PANDIS__ONCE static pandis_error pandis__open(pandis_field *field, const void *d
     if (!p || size < 8 || memcmp(p, "PANDIS\r\n", 8)) return PANDIS_ERROR_FORMAT;
     if (size < PANDIS__HEADER) return PANDIS_ERROR_SIZE;
     if (pandis__u32(p + 8) != order || memcmp(p + 8, &order, 4)) return PANDIS_ERROR_ENDIAN;
-    if (pandis__u32(p + 12) < 1 || pandis__u32(p + 12) > PANDIS_FORMAT_VERSION) return PANDIS_ERROR_VERSION;
+    if (pandis__u32(p + 12) < 1 || pandis__u32(p + 12) > PANDIS_FORMAT_VERSION)
+        return PANDIS_ERROR_VERSION;
     if (pandis__u64(p + 16) != size) return PANDIS_ERROR_SIZE;
-    if (pandis__u32(p + 28) || pandis__u32(p + 24) != pandis__crc(p + 32, size - 32)) return PANDIS_ERROR_CHECKSUM;
+    if (pandis__u32(p + 28) || pandis__u32(p + 24) != pandis__crc(p + 32, size - 32))
+        return PANDIS_ERROR_CHECKSUM;
     if ((uintptr_t)p % 8) return PANDIS_ERROR_ALIGNMENT;
     if (!pandis__arithmetic()) return PANDIS_ERROR_ARITHMETIC;
     field->data = p, field->size = size;
     uint32_t sections = pandis__u32(p + 36);
-    if (sections > PANDIS__MOST_SECTIONS || PANDIS__HEADER + (size_t)sections * PANDIS__SECTION > size)
+    if (sections > PANDIS__MOST_SECTIONS ||
+        PANDIS__HEADER + (size_t)sections * PANDIS__SECTION > size)
         return PANDIS_ERROR_CONTENT;
     for (uint32_t i = 0; i < sections; i++) {
         const unsigned char *entry = p + PANDIS__HEADER + (size_t)i * PANDIS__SECTION;
         uint64_t start = pandis__u64(entry + 8), bytes = pandis__u64(entry + 16);
-        if (start % 8 || start > size || bytes > size - start || pandis__u32(entry + 4)) return PANDIS_ERROR_CONTENT;
-        if (bytes && start < PANDIS__HEADER + (size_t)sections * PANDIS__SECTION) return PANDIS_ERROR_CONTENT;
+        if (start % 8 || start > size || bytes > size - start || pandis__u32(entry + 4))
+            return PANDIS_ERROR_CONTENT;
+        if (bytes && start < PANDIS__HEADER + (size_t)sections * PANDIS__SECTION)
+            return PANDIS_ERROR_CONTENT;
     }
     for (int k = 0; k < 3; k++) field->centre[k] = pandis__f64(p + 40 + 8 * k);
     field->scale = pandis__f64(p + 64);
@@ -5130,9 +5682,12 @@ PANDIS__ONCE static pandis_error pandis__open(pandis_field *field, const void *d
     for (int k = 0; k < 3; k++)
         if (!(fabs(field->centre[k]) <= 1e150)) return PANDIS_ERROR_CONTENT;
     int good = 0, kind = (int)pandis__u32(p + 32);
-    if (kind == PANDIS_MESH && pandis__u32(p + 12) < 4) return PANDIS_ERROR_VERSION; /* their leaves are of another kind */
-    if (kind == PANDIS_NETWORK && pandis__whole(field, 0) <= 1024 && pandis__whole(field, 1) <= 16 &&
-        (pandis__whole(field, 0) > PANDIS_MOST_WIDTH || pandis__whole(field, 1) > PANDIS_MOST_DEPTH))
+    /* their leaves are of another kind */
+    if (kind == PANDIS_MESH && pandis__u32(p + 12) < 4) return PANDIS_ERROR_VERSION;
+    if (kind == PANDIS_NETWORK && pandis__whole(field, 0) <= 1024 &&
+        pandis__whole(field, 1) <= 16 &&
+        (pandis__whole(field, 0) > PANDIS_MOST_WIDTH ||
+            pandis__whole(field, 1) > PANDIS_MOST_DEPTH))
         return PANDIS_ERROR_LARGE;
     if (kind == PANDIS_NETWORK) good = pandis__open_network(field);
     if (kind == PANDIS_GRID) good = pandis__open_grid(field);
@@ -5143,10 +5698,13 @@ PANDIS__ONCE static pandis_error pandis__open(pandis_field *field, const void *d
     if (!good || !pandis__measure(field)) return PANDIS_ERROR_CONTENT;
     field->kind = kind;
     int meshes = kind == PANDIS_MESH || kind == PANDIS_COMPACT;
-    return meshes && pandis__has_section(field, "REGN") && !pandis__open_regions(field) ? PANDIS_ERROR_CONTENT : PANDIS_SUCCESS;
+    return meshes && pandis__has_section(field, "REGN") && !pandis__open_regions(field)
+        ? PANDIS_ERROR_CONTENT
+        : PANDIS_SUCCESS;
 }
 
-PANDIS__ONCE PANDIS_API pandis_error pandis_open(pandis_field *field, const void *data, size_t size) {
+PANDIS__ONCE PANDIS_API pandis_error pandis_open(
+    pandis_field *field, const void *data, size_t size) {
     pandis_error error = pandis__open(field, data, size);
     if (error) memset(field, 0, sizeof *field); /* a field that is not open is all zero */
     return error;
@@ -5164,13 +5722,16 @@ static FILE *pandis__open_path(const char *path) {
         static const uint32_t least[4] = {0, 0x80, 0x800, 0x10000};
         int more = *p >= 0xf0 ? 3 : *p >= 0xe0 ? 2 : *p >= 0xc0 ? 1 : 0, length = more;
         uint32_t code = more ? *p & (0x3fu >> more) : *p;
-        if ((*p >= 0x80 && *p < 0xc0) || *p >= 0xf8 || n + 3 > sizeof wide / sizeof *wide) return NULL;
+        if ((*p >= 0x80 && *p < 0xc0) || *p >= 0xf8 || n + 3 > sizeof wide / sizeof *wide)
+            return NULL;
         for (p++; more; more--, p++) {
             if ((*p & 0xc0) != 0x80) return NULL;
             code = code << 6 | (*p & 0x3fu);
         }
-        if (code < least[length] || code > 0x10ffffu || (code >= 0xd800u && code < 0xe000u)) return NULL;
-        if (code >= 0x10000u) wide[n++] = (wchar_t)(0xd7c0u + (code >> 10)), code = 0xdc00u + (code & 0x3ffu);
+        if (code < least[length] || code > 0x10ffffu || (code >= 0xd800u && code < 0xe000u))
+            return NULL;
+        if (code >= 0x10000u)
+            wide[n++] = (wchar_t)(0xd7c0u + (code >> 10)), code = 0xdc00u + (code & 0x3ffu);
         wide[n++] = (wchar_t)code;
     }
     wide[n] = 0;
@@ -5207,7 +5768,8 @@ PANDIS__ONCE PANDIS_API pandis_error pandis_open_file(pandis_field *field, const
         long size = ftell(file);
         void *data = size > 0 ? malloc((size_t)size) : NULL;
         rewind(file);
-        if (data && fread(data, 1, (size_t)size, file) == (size_t)size) error = pandis_open(field, data, (size_t)size);
+        if (data && fread(data, 1, (size_t)size, file) == (size_t)size)
+            error = pandis_open(field, data, (size_t)size);
         if (error) free(data);
         field->mapped = !error;
     }
@@ -5231,31 +5793,41 @@ PANDIS__ONCE PANDIS_API void pandis_close(pandis_field *field) {
 
 PANDIS__ONCE PANDIS_API const char *pandis_error_text(pandis_error error) {
     switch (error) {
-        case PANDIS_SUCCESS: return "no error";
-        case PANDIS_ERROR_FILE: return "the file cannot be read";
-        case PANDIS_ERROR_FORMAT: return "this is no .pandis file";
-        case PANDIS_ERROR_ENDIAN: return "the file's bytes are in another order than this machine's";
-        case PANDIS_ERROR_VERSION: return "the file is of another version: use the pandis.h that came with it";
-        case PANDIS_ERROR_SIZE: return "the file is shorter or longer than it says: copy it again";
-        case PANDIS_ERROR_CHECKSUM: return "the file is damaged: copy it again";
-        case PANDIS_ERROR_CONTENT: return "what the file says does not fit together, or no field of this kind can do that";
-        case PANDIS_ERROR_ALIGNMENT: return "the bytes must begin at an address that is a multiple of 8";
-        case PANDIS_ERROR_ARITHMETIC:
-            return "pandis.h was compiled with flags, or called in a rounding mode, that break its arithmetic: leave out "
-                   "-ffast-math and its parts";
-        case PANDIS_ERROR_LARGE:
-            return "the network is wider or deeper than pandis.h was compiled for: see PANDIS_MOST_WIDTH";
-        case PANDIS_ERROR_RADIUS: return "the probe is larger than the field knows free space around its surface: take a smaller radius";
-        case PANDIS_ERROR_KIND: return "a grid of forces knows no distance outside, so it has no contact";
-        case PANDIS_ERROR_VERTEX: return "a vertex is no finite number, or too far away";
-        case PANDIS_ERROR_POSE: return "an object has no field, or no rotation, scale, place or stiffness that can be";
-        case PANDIS_ERROR_OPTIONS:
-            return "an option of a contact is beyond its range (budget from 8 on, slide and radius from 0 on, a texture's steepest "
-                   "at most 15, sliding friction at most the sticking one, nothing negative)";
-        case PANDIS_ERROR_COUNT: return "an array is shorter or longer than this takes";
-        case PANDIS_ERROR_HEADER:
-            return "pandis.h is of another version, or packed otherwise, than what was compiled: compile both with one header";
-        default: return "unknown error";
+    case PANDIS_SUCCESS: return "no error";
+    case PANDIS_ERROR_FILE: return "the file cannot be read";
+    case PANDIS_ERROR_FORMAT: return "this is no .pandis file";
+    case PANDIS_ERROR_ENDIAN: return "the file's bytes are in another order than this machine's";
+    case PANDIS_ERROR_VERSION:
+        return "the file is of another version: use the pandis.h that came with it";
+    case PANDIS_ERROR_SIZE: return "the file is shorter or longer than it says: copy it again";
+    case PANDIS_ERROR_CHECKSUM: return "the file is damaged: copy it again";
+    case PANDIS_ERROR_CONTENT:
+        return "what the file says does not fit together, or no field of this kind can do that";
+    case PANDIS_ERROR_ALIGNMENT:
+        return "the bytes must begin at an address that is a multiple of 8";
+    case PANDIS_ERROR_ARITHMETIC:
+        return "pandis.h was compiled with flags, or called in a rounding mode, that break its "
+               "arithmetic: leave out -ffast-math and its parts";
+    case PANDIS_ERROR_LARGE:
+        return "the network is wider or deeper than pandis.h was compiled for: see "
+               "PANDIS_MOST_WIDTH";
+    case PANDIS_ERROR_RADIUS:
+        return "the probe is larger than the field knows free space around its surface: take a "
+               "smaller radius";
+    case PANDIS_ERROR_KIND:
+        return "a grid of forces knows no distance outside, so it has no contact";
+    case PANDIS_ERROR_VERTEX: return "a vertex is no finite number, or too far away";
+    case PANDIS_ERROR_POSE:
+        return "an object has no field, or no rotation, scale, place or stiffness that can be";
+    case PANDIS_ERROR_OPTIONS:
+        return "an option of a contact is beyond its range (budget from 8 on, slide and radius "
+               "from 0 on, a texture's steepest at most 15, sliding friction at most the sticking "
+               "one, nothing negative)";
+    case PANDIS_ERROR_COUNT: return "an array is shorter or longer than this takes";
+    case PANDIS_ERROR_HEADER:
+        return "pandis.h is of another version, or packed otherwise, than what was compiled: "
+               "compile both with one header";
+    default: return "unknown error";
     }
 }
 

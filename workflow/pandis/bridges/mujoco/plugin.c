@@ -1,9 +1,10 @@
 /* A field of a .pandis file as a signed distance field of MuJoCo: the plugin `pandis.sdf`.
  *
- * While MuJoCo compiles a model it passes only numbers; in a simulation it passes its data and an instance. So files are
- * opened once per process and stay open, and each has a number. Each thread caches its last answers: MuJoCo queries
- * distance and gradient of a point in succession, and then points next to it. Each state caches the spline cells that it
- * has queried: a step queries thousands of points, most of them in a few hundred cells. */
+ * While MuJoCo compiles a model it passes only numbers; in a simulation it passes its data and an
+ * instance. So files are opened once per process and stay open, and each has a number. Each thread
+ * caches its last answers: MuJoCo queries distance and gradient of a point in succession, and then
+ * points next to it. Each state caches the spline cells that it has queried: a step queries
+ * thousands of points, most of them in a few hundred cells. */
 #define PANDIS_API static inline
 #define PANDIS_IMPLEMENTATION
 #include "../../engine/pandis.h"
@@ -26,10 +27,10 @@
 enum { FILENAME, SCALE, ATTRIBUTES };
 static const char *const attributes[] = {"file", "scale"};
 
-/* ---------------------------------------------------------------- MuJoCo */
+/* -------------------- MuJoCo */
 
-/* The functions of MuJoCo that the plugin needs. A program linked with MuJoCo exposes them to the plugins that it loads;
- * Python does not, and passes them explicitly. */
+/* The functions of MuJoCo that the plugin needs. A program linked with MuJoCo exposes them to the
+ * plugins that it loads; Python does not, and passes them explicitly. */
 typedef struct {
     int (*version)(void);
     void (*defaults)(mjpPlugin *);
@@ -45,7 +46,7 @@ typedef struct {
 #pragma weak mju_warning
 static pandis_mujoco mujoco;
 
-/* ---------------------------------------------------------------- files */
+/* -------------------- files */
 
 typedef struct opened {
     struct opened *next;
@@ -56,16 +57,19 @@ typedef struct opened {
 static opened *files;
 static pthread_mutex_t files_lock = PTHREAD_MUTEX_INITIALIZER;
 
-/* Find an open file with the same bytes, or keep the new one open. Returns NULL, or why the file cannot be opened. */
+/* Find an open file with the same bytes, or keep the new one open. Returns NULL, or why the file
+ * cannot be opened. */
 static const char *find_or_open(const char *path, opened **found) {
     opened *made = calloc(1, sizeof *made);
     if (!made) return "there is not enough memory for it";
     pandis_field *field = &made->field;
     const int error = pandis_open_file(field, path);
     const char *wrong = error ? pandis_error_text(error) : NULL;
-    if (error == PANDIS_ERROR_FILE) wrong = "it cannot be read (a relative path starts from the working directory)";
+    if (error == PANDIS_ERROR_FILE)
+        wrong = "it cannot be read (a relative path starts from the working directory)";
     if (!error && field->kind == PANDIS_GRID && field->as.grid.rule <= PANDIS__TRILINEAR)
-        wrong = "it is a grid of forces, which knows no distance outside: use another kind of field";
+        wrong =
+            "it is a grid of forces, which knows no distance outside: use another kind of field";
     for (*found = wrong ? NULL : files; *found; *found = (*found)->next) {
         const pandis_field *other = &(*found)->field;
         if (other->size == field->size && !memcmp(other->data, field->data, field->size)) break;
@@ -84,7 +88,8 @@ static const char *find_or_open(const char *path, opened **found) {
 static const opened *open_file(const char *path, const char **wrong) {
     opened *found = NULL;
     pthread_mutex_lock(&files_lock);
-    *wrong = path && *path ? find_or_open(path, &found) : "no file is named: add <config key=\"file\" value=\"...\"/>";
+    *wrong = path && *path ? find_or_open(path, &found)
+                           : "no file is named: add <config key=\"file\" value=\"...\"/>";
     pthread_mutex_unlock(&files_lock);
     return found;
 }
@@ -105,13 +110,15 @@ static double scale_of(const char *text) {
     return !*end && scale > 1e-100 && scale < 1e100 ? scale : 0;
 }
 
-/* ---------------------------------------------------------------- answers */
+/* -------------------- answers */
 
-/* Pose of a file's object in the frame of a geom: its scale, and the pose of its mesh, because MuJoCo moves the origin of
- * a mesh read from a file to the centre of mass. A mesh made from the field itself has no such pose. */
+/* Pose of a file's object in the frame of a geom: its scale, and the pose of its mesh, because
+ * MuJoCo moves the origin of a mesh read from a file to the centre of mass. A mesh made from the
+ * field itself has no such pose. */
 typedef struct {
     const opened *file;
-    double scale, origin[3], turn[9]; /* point of the file = (origin + turn * point of the geom) / scale */
+    /* point of the file = (origin + turn * point of the geom) / scale */
+    double scale, origin[3], turn[9];
     int turned, asking;
     pandis__cells *cells; /* of a spline: cache of earlier queries; NULL: none */
 } placed;
@@ -135,10 +142,13 @@ static const pandis_answer *ask(placed *p, const double point[3], int whole) {
     if (again && (kept[at].whole || !whole)) return &kept[at].answer;
     if (kept[at].file != file) memset(&kept[at], 0, sizeof kept[at]), kept[at].file = file;
     memcpy(kept[at].point, point, sizeof kept[at].point);
-    kept[at].whole = whole || field->kind != PANDIS_NETWORK; /* all other kinds compute both in the same time */
+    /* all other kinds compute both in the same time */
+    kept[at].whole = whole || field->kind != PANDIS_NETWORK;
     if (kept[at].whole) {
-        /* MuJoCo queries a state from one thread; if it does not, the second thread goes without the cache */
-        pandis__cells *cells = p->cells && !__atomic_exchange_n(&p->asking, 1, __ATOMIC_ACQUIRE) ? p->cells : NULL;
+        /* MuJoCo queries a state from one thread; if it does not, the second thread goes without
+         * the cache */
+        pandis__cells *cells =
+            p->cells && !__atomic_exchange_n(&p->asking, 1, __ATOMIC_ACQUIRE) ? p->cells : NULL;
         pandis__query_after(field, point, &kept[at].hint, cells, &kept[at].answer);
         if (cells) __atomic_store_n(&p->asking, 0, __ATOMIC_RELEASE);
     } else {
@@ -150,7 +160,9 @@ static const pandis_answer *ask(placed *p, const double point[3], int whole) {
 static void into_file(const placed *p, const mjtNum at[3], double point[3]) {
     for (int k = 0; k < 3; k++) {
         const double *row = p->turn + 3 * k;
-        point[k] = (p->turned ? p->origin[k] + row[0] * at[0] + row[1] * at[1] + row[2] * at[2] : at[k]) / p->scale;
+        point[k] =
+            (p->turned ? p->origin[k] + row[0] * at[0] + row[1] * at[1] + row[2] * at[2] : at[k]) /
+            p->scale;
     }
 }
 
@@ -161,56 +173,65 @@ static mjtNum distance_at(placed *p, const mjtNum at[3]) {
     return answer->flag == PANDIS_INVALID ? mjMAXVAL : answer->distance * p->scale;
 }
 
-/* ---------------------------------------------------------------- callbacks from MuJoCo */
+/* -------------------- callbacks from MuJoCo */
 
 /* Store the pose of the mesh that represents an object. */
 static void take_pose(placed *p, const mjtNum at[3], const mjtNum q[4]) {
     p->turned = at[0] != 0 || at[1] != 0 || at[2] != 0 || q[0] != 1;
     const double w = q[0], x = q[1], y = q[2], z = q[3];
-    const double turn[9] = {1 - 2 * (y * y + z * z), 2 * (x * y - w * z),     2 * (x * z + w * y),
-                            2 * (x * y + w * z),     1 - 2 * (x * x + z * z), 2 * (y * z - w * x),
-                            2 * (x * z - w * y),     2 * (y * z + w * x),     1 - 2 * (x * x + y * y)};
+    const double turn[9] = {1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y),
+        2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x), 2 * (x * z - w * y),
+        2 * (y * z + w * x), 1 - 2 * (x * x + y * y)};
     memcpy(p->turn, turn, sizeof turn), memcpy(p->origin, at, sizeof p->origin);
 }
 
-/* Largest difference between the bounds of the object's mesh in the model and of the field's surface, as a share of the
- * longest side. MuJoCo looks for contacts only where the boxes of meshes meet. */
+/* Largest difference between the bounds of the object's mesh in the model and of the field's
+ * surface, as a share of the longest side. MuJoCo looks for contacts only where the boxes of meshes
+ * meet. */
 static double gap(const placed *p, const mjModel *m, int mesh) {
     const pandis_field *field = &p->file->field;
     if (field->margin[0] >= 1e300) return 0; /* the file does not store bounds of its surface */
-    double low[3], high[3], box[2][3] = {{1e300, 1e300, 1e300}, {-1e300, -1e300, -1e300}}, worst = 0;
+    double low[3], high[3], box[2][3] = {{1e300, 1e300, 1e300}, {-1e300, -1e300, -1e300}},
+                            worst = 0;
     const float *vertices = m->mesh_vert + 3 * (size_t)m->mesh_vertadr[mesh];
     for (int i = 0; i < m->mesh_vertnum[mesh]; i++) {
         const mjtNum at[3] = {vertices[3 * i], vertices[3 * i + 1], vertices[3 * i + 2]};
         double point[3];
         into_file(p, at, point);
-        for (int k = 0; k < 3; k++) box[0][k] = fmin(box[0][k], point[k]), box[1][k] = fmax(box[1][k], point[k]);
+        for (int k = 0; k < 3; k++)
+            box[0][k] = fmin(box[0][k], point[k]), box[1][k] = fmax(box[1][k], point[k]);
     }
     pandis_bounds(field, low, high);
-    for (int k = 0; k < 3; k++) worst = fmax(worst, fmax(fabs(low[k] - box[0][k]), fabs(high[k] - box[1][k])));
+    for (int k = 0; k < 3; k++)
+        worst = fmax(worst, fmax(fabs(low[k] - box[0][k]), fabs(high[k] - box[1][k])));
     return worst / pandis_longest_side(field);
 }
 
-/* Store the pose of an instance whose file and scale are valid. Returns NULL, or why the instance is invalid. */
+/* Store the pose of an instance whose file and scale are valid. Returns NULL, or why the instance
+ * is invalid. */
 static const char *take_meshes(placed *p, const mjModel *m, int instance) {
     int mesh = -1;
     for (int g = 0; g < m->ngeom; g++) {
         const int next = m->geom_plugin[g] == instance ? m->geom_dataid[g] : -1;
         if (mesh >= 0 && next >= 0 && next != mesh)
-            return "geoms of one instance have different meshes: give each mesh an instance of its own";
+            return "geoms of one instance have different meshes: give each mesh an instance of its "
+                   "own";
         if (next >= 0) mesh = next;
     }
     if (mesh < 0) return NULL;
     take_pose(p, m->mesh_pos + 3 * mesh, m->mesh_quat + 4 * mesh);
     const double apart = gap(p, m, mesh);
     if (apart > 0.02)
-        mujoco.warn(NAME ": mesh %s ends elsewhere than the field's surface (%.2g of the longest side apart), and MuJoCo "
-                    "misses contacts there: either its scale is another one, or it lacks thin parts and needs a file",
-                    m->names + m->name_meshadr[mesh], apart);
+        mujoco.warn(NAME ": mesh %s ends elsewhere than the field's surface (%.2g of the longest "
+                         "side apart), and MuJoCo misses contacts there: either its scale is "
+                         "another one, or it lacks thin parts and needs a file",
+            m->names + m->name_meshadr[mesh], apart);
     return NULL;
 }
 
-static placed *placed_of(const mjData *d, int instance) { return (placed *)d->plugin_data[instance]; }
+static placed *placed_of(const mjData *d, int instance) {
+    return (placed *)d->plugin_data[instance];
+}
 
 /* Allocate a state's cache for a spline. Without it answers are the same, but slower. */
 static void make_room(placed *p) {
@@ -224,7 +245,8 @@ static int init(const mjModel *m, mjData *d, int instance) {
     if (!made) return -1;
     made->file = open_file(path, &wrong);
     made->scale = scale_of(mujoco.config(m, instance, attributes[SCALE]));
-    if (!wrong) wrong = made->scale ? take_meshes(made, m, instance) : "scale is no positive number";
+    if (!wrong)
+        wrong = made->scale ? take_meshes(made, m, instance) : "scale is no positive number";
     if (wrong) {
         mujoco.warn(NAME ": %s: %s", path && *path ? path : "an instance", wrong);
         free(made);
@@ -270,7 +292,8 @@ static void sdf_gradient(mjtNum gradient[3], const mjtNum at[3], const mjData *d
     const pandis_answer *answer = ask(p, point, 1);
     const double *n = answer->normal;
     for (int k = 0; k < 3; k++) {
-        gradient[k] = p->turned ? p->turn[k] * n[0] + p->turn[3 + k] * n[1] + p->turn[6 + k] * n[2] : n[k];
+        gradient[k] =
+            p->turned ? p->turn[k] * n[0] + p->turn[3 + k] * n[1] + p->turn[6 + k] * n[2] : n[k];
         if (answer->flag == PANDIS_INVALID) gradient[k] = 0;
     }
 }
@@ -287,8 +310,8 @@ static void sdf_attribute(mjtNum attribute[], const char *name[], const char *va
     attribute[FILENAME] = file ? file->number : 0, attribute[SCALE] = scale_of(asked[SCALE]);
 }
 
-/* A file that cannot be opened counts as a ball while its mesh is made, since MuJoCo terminates on an empty box; later
- * `init` refuses it. */
+/* A file that cannot be opened counts as a ball while its mesh is made, since MuJoCo terminates on
+ * an empty box; later `init` refuses it. */
 static mjtNum sdf_staticdistance(const mjtNum at[3], const mjtNum *attribute) {
     placed made = {file_of(attribute[FILENAME]), attribute[SCALE], {0}, {0}, 0, 0, NULL};
     if (made.file && made.scale) return distance_at(&made, at);
@@ -300,14 +323,16 @@ static void sdf_aabb(mjtNum aabb[6], const mjtNum *attribute) {
     const double scale = file && attribute[SCALE] ? attribute[SCALE] : 1;
     double low[3] = {-1, -1, -1}, high[3] = {1, 1, 1};
     if (file && attribute[SCALE]) pandis_bounds(&file->field, low, high);
-    for (int k = 0; k < 3; k++) aabb[k] = scale * (low[k] + high[k]) / 2, aabb[3 + k] = scale * (high[k] - low[k]) / 2;
+    for (int k = 0; k < 3; k++)
+        aabb[k] = scale * (low[k] + high[k]) / 2, aabb[3 + k] = scale * (high[k] - low[k]) / 2;
 }
 
-/* ---------------------------------------------------------------- registration */
+/* -------------------- registration */
 
 #define SHOWN __attribute__((visibility("default")))
 
-/* Register the plugin with the MuJoCo that these functions belong to. Returns 0 if its version is not supported. */
+/* Register the plugin with the MuJoCo that these functions belong to. Returns 0 if its version is
+ * not supported. */
 SHOWN int pandis_mujoco_register(const pandis_mujoco *given) {
     if (given->version() < OLDEST || given->version() > NEWEST) return 0;
     mujoco = *given;
@@ -327,9 +352,12 @@ SHOWN int pandis_mujoco_register(const pandis_mujoco *given) {
 
 /* Runs when mj_loadPluginLibrary loads the plugin. */
 __attribute__((constructor)) static void loaded(void) {
-    const pandis_mujoco there = {mj_version, mjp_defaultPlugin, mjp_registerPlugin, mj_getPluginConfig, mju_warning};
+    const pandis_mujoco there = {
+        mj_version, mjp_defaultPlugin, mjp_registerPlugin, mj_getPluginConfig, mju_warning};
     if (!there.version || !there.defaults || !there.add || !there.config || !there.warn) return;
     if (!pandis_mujoco_register(&there)) {
-        there.warn("%s", NAME ": it supports only MuJoCo 4.0.0 and 4.0.1, and this is another version: not registered");
+        there.warn("%s",
+            NAME ": it supports only MuJoCo 4.0.0 and 4.0.1, and this is another version: not "
+                 "registered");
     }
 }

@@ -1,4 +1,5 @@
-/* pandis.h for a web page: a field, and a probe that a hand holds. Compiled to WebAssembly (`make wasm`). */
+/* pandis.h for a web page: a field, and a probe that a hand holds. Compiled to WebAssembly (`make
+ * wasm`). */
 #define PANDIS_NO_FILE
 #define PANDIS_NO_DISPATCH
 #define PANDIS_API static inline
@@ -36,7 +37,17 @@ WEB const char web_digest[] = WEB_DIGEST;
 
 /* Numbers that the page writes and reads, in one array, at the places of these enums. */
 enum { TARGET = 0, SIZE = 3, STIFFNESS, FRICTION, RADIUS, IN };
-enum { PROBE = 8, PROXY = 11, FORCE = 14, NORMAL = 17, DEPTH = 20, STATE, OUT, MOST_TICKS = 64, TICKS = 32 };
+enum {
+    PROBE = 8,
+    PROXY = 11,
+    FORCE = 14,
+    NORMAL = 17,
+    DEPTH = 20,
+    STATE,
+    OUT,
+    MOST_TICKS = 64,
+    TICKS = 32
+};
 static double numbers[TICKS + MOST_TICKS];
 
 /* The hand: a spring from the pointer to the probe's mass, a little less than critically damped. */
@@ -68,7 +79,8 @@ WEB int web_open(const void *data, uint32_t size) {
 
 WEB const char *web_error(int error) { return pandis_error_text((pandis_error)error); }
 
-/* Begin a contact: the object is centred in the scene, its longest side is SIZE (m), the probe is at TARGET. */
+/* Begin a contact: the object is centred in the scene, its longest side is SIZE (m), the probe is
+ * at TARGET. */
 WEB int web_begin(void) {
     const double scale = numbers[SIZE] / pandis_longest_side(&field);
     memset(&object, 0, sizeof object), memset(&contact, 0, sizeof contact);
@@ -95,7 +107,8 @@ WEB int web_ticks(int count) {
     for (int i = 1; i <= count; i++) {
         for (int k = 0; k < 3; k++) {
             const double hand = from[k] + (numbers[TARGET + k] - from[k]) * i / count;
-            const double pull = HAND * (hand - probe[k]) - DAMPING * velocity[k] + numbers[FORCE + k];
+            const double pull =
+                HAND * (hand - probe[k]) - DAMPING * velocity[k] + numbers[FORCE + k];
             velocity[k] += DT / MASS * pull;
             probe[k] += DT * velocity[k];
         }
@@ -112,6 +125,7 @@ WEB int web_ticks(int count) {
 }
 
 /* Answer points as pandis_query_many does: distances, normals and flags. */
-WEB void web_query(const double *points, uint32_t count, double *distances, double *normals, unsigned char *flags) {
+WEB void web_query(const double *points, uint32_t count, double *distances, double *normals,
+    unsigned char *flags) {
     pandis_query_many(&field, points, count, distances, normals, flags);
 }

@@ -1,11 +1,12 @@
 /* Building on several threads: a part of bvh.c.
  *
- * The first two levels are opened, and below them each branch is built alone, into room of its own; then they are
- * put one behind the other, in the order in which one thread would have come to them. So the tree is the same to
- * the last byte, on however many threads.
+ * The first two levels are opened, and below them each branch is built alone, into room of its own;
+ * then they are put one behind the other, in the order in which one thread would have come to them.
+ * So the tree is the same to the last byte, on however many threads.
  */
 
-/* Branches of the root, and of those; branch i has the children WIDTH * i + 1 to WIDTH * i + WIDTH. */
+/* Branches of the root, and of those; branch i has the children WIDTH * i + 1 to WIDTH * i + WIDTH.
+ */
 #define OPENED (1 + WIDTH)
 #define BRANCHES (1 + WIDTH + WIDTH * WIDTH)
 
@@ -33,14 +34,16 @@ static void drop_branches(Work *w) {
 }
 
 /* Start to build; NULL if memory is short. Indices and coordinates must have been checked. */
-Work *bvh_start(const double *vertices, int32_t vertex_count, const int32_t *faces, int32_t face_count) {
+Work *bvh_start(
+    const double *vertices, int32_t vertex_count, const int32_t *faces, int32_t face_count) {
     size_t v = (size_t)vertex_count, f = (size_t)face_count;
     Work *w = calloc(1, sizeof *w);
     Bvh *t = calloc(1, sizeof *t);
     if (!w || !t) return free(w), free(t), NULL;
     w->tree = t, t->vertex_count = vertex_count, t->face_count = face_count;
     t->vertices = malloc(3 * v * sizeof(double)), t->faces = malloc(3 * f * sizeof(int32_t));
-    t->neighbours = malloc(3 * f * sizeof(int32_t)), t->vertex_normals = malloc(3 * v * sizeof(double));
+    t->neighbours = malloc(3 * f * sizeof(int32_t)),
+    t->vertex_normals = malloc(3 * v * sizeof(double));
     w->items = malloc(f * sizeof(Item));
     if (!t->vertices || !t->faces || !t->neighbours || !t->vertex_normals || !w->items)
         return drop_branches(w), bvh_free(t), NULL;
@@ -80,22 +83,24 @@ void bvh_open(Work *w, int32_t index) {
     }
 }
 
-/* Build a branch that has not been opened, if there is one at this index; all branches may be built at the same time. */
+/* Build a branch that has not been opened, if there is one at this index; all branches may be built
+ * at the same time. */
 void bvh_grow(Work *w, int32_t index) {
     Branch *branch = w->branches + index;
     if (!branch->used || branch->count) return;
     Bvh *part = &branch->part;
     *part = (Bvh){.scale = w->tree->scale, .vertices = w->tree->vertices, .faces = w->tree->faces};
-    Builder b = {.tree = part, .items = w->items, .node_room = 64, .leaf_room = branch->range.count / 4 + 64};
+    Builder b = {.tree = part,
+        .items = w->items,
+        .node_room = 64,
+        .leaf_room = branch->range.count / 4 + 64};
     part->nodes = malloc((size_t)b.node_room * sizeof(Node));
     part->clusters = malloc((size_t)b.node_room * sizeof(Cluster));
     part->leaves = malloc((size_t)b.leaf_room * sizeof(Leaf));
     b.failed = !part->nodes || !part->clusters || !part->leaves;
     if (!b.failed) {
-        if (branch->range.count <= WIDTH)
-            add_leaf(&b, &branch->range);
-        else
-            add_node(&b, branch->range, 2);
+        if (branch->range.count <= WIDTH) add_leaf(&b, &branch->range);
+        else add_node(&b, branch->range, 2);
     }
     if (b.failed) w->failed = 1;
 }
@@ -113,7 +118,8 @@ static int32_t join(Bvh *t, Branch *all, int index) {
     Branch *branch = all + index;
     if (branch->count) {
         int32_t node = t->node_count++;
-        for (int i = 0; i < branch->count; i++) branch->node.child[i] = join(t, all, WIDTH * index + 1 + i);
+        for (int i = 0; i < branch->count; i++)
+            branch->node.child[i] = join(t, all, WIDTH * index + 1 + i);
         t->nodes[node] = branch->node, t->clusters[node] = branch->cluster;
         return node;
     }
@@ -123,7 +129,8 @@ static int32_t join(Bvh *t, Branch *all, int index) {
         Node *to = t->nodes + node + j;
         *to = part->nodes[j];
         for (int i = 0; i < WIDTH; i++)
-            if (!(to->low[0][i] > to->high[0][i])) to->child[i] = to->child[i] < 0 ? ~(~to->child[i] + leaf) : to->child[i] + node;
+            if (!(to->low[0][i] > to->high[0][i]))
+                to->child[i] = to->child[i] < 0 ? ~(~to->child[i] + leaf) : to->child[i] + node;
     }
     memcpy(t->clusters + node, part->clusters, (size_t)part->node_count * sizeof(Cluster));
     memcpy(t->leaves + leaf, part->leaves, (size_t)part->leaf_count * sizeof(Leaf));
@@ -139,7 +146,8 @@ Bvh *bvh_finish(Work *w) {
     size_t nodes = 0, leaves = 0;
     for (int i = 0; i < BRANCHES; i++) {
         const Branch *branch = w->branches + i;
-        nodes += (size_t)branch->part.node_count + (branch->count > 0), leaves += (size_t)branch->part.leaf_count;
+        nodes += (size_t)branch->part.node_count + (branch->count > 0),
+            leaves += (size_t)branch->part.leaf_count;
     }
     free(w->items), w->items = NULL;
     if (!w->failed) {

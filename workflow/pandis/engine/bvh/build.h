@@ -117,7 +117,8 @@ static int widest_corner(const Bvh *t, int32_t face) {
     return widest;
 }
 
-/* Round the triangles of a leaf to 16 bits, and say how much of their distances single precision may lose. */
+/* Round the triangles of a leaf to 16 bits, and say how much of their distances single precision
+ * may lose. */
 static void round_triangles(const Bvh *t, const Range *r, Leaf *leaf) {
     float v[3][3][WIDTH], slack[2];
     double extent = 0;
@@ -135,13 +136,15 @@ static void round_triangles(const Bvh *t, const Range *r, Leaf *leaf) {
         int first = widest_corner(t, face);
         for (int c = 0; c < 3; c++)
             for (int k = 0; k < 3; k++) {
-                double at = (corner(t, face, (first + c) % 3)[k] - (double)leaf->origin[k]) / (double)leaf->step;
+                double at = (corner(t, face, (first + c) % 3)[k] - (double)leaf->origin[k]) /
+                    (double)leaf->step;
                 leaf->corner[c][k][lane] = (uint16_t)rint(at > 65535 ? 65535 : at > 0 ? at : 0);
                 v[c][k][lane] = leaf->corner[c][k][lane];
             }
     }
     pandis__slacks(v, slack);
-    /* and what moves corners and the point: half a step of each coordinate, and the point's last bit */
+    /* and what moves corners and the point: half a step of each coordinate, and the point's last
+     * bit */
     double steps = 1 + (double)slack[0] + 4 * 6e-8 * extent / (double)leaf->step;
     leaf->slack = (float)(steps * (double)leaf->step * (1 + 1e-6)), leaf->share = slack[1];
 }
@@ -156,7 +159,8 @@ static int32_t add_leaf(Builder *b, const Range *r) {
     }
     Leaf *leaf = t->leaves + t->leaf_count;
     memset(leaf, 0, sizeof *leaf);
-    for (int lane = 0; lane < WIDTH; lane++) leaf->face[lane] = lane < r->count ? b->items[r->start + lane].face : -1;
+    for (int lane = 0; lane < WIDTH; lane++)
+        leaf->face[lane] = lane < r->count ? b->items[r->start + lane].face : -1;
     round_triangles(t, r, leaf);
     return t->leaf_count++;
 }
@@ -179,7 +183,8 @@ static void find_dipole(const Builder *b, const Range *r, int child, Cluster *cl
         }
     }
     double reach = 0;
-    for (int k = 0; k < 3; k++) centre[k] = area > 0 ? centre[k] / area : (r->low[k] + r->high[k]) / 2;
+    for (int k = 0; k < 3; k++)
+        centre[k] = area > 0 ? centre[k] / area : (r->low[k] + r->high[k]) / 2;
     for (int32_t j = r->start; j < r->start + r->count; j++)
         for (int c = 0; c < 3; c++) {
             const double *p = corner(t, b->items[j].face, c);
@@ -194,7 +199,8 @@ static void find_dipole(const Builder *b, const Range *r, int child, Cluster *cl
     cluster->reach[child] = (float)(reach * 1.0001 + 1e-30);
 }
 
-/* Divide a range among the children of a node: their ranges, boxes and dipoles. Returns how many there are. */
+/* Divide a range among the children of a node: their ranges, boxes and dipoles. Returns how many
+ * there are. */
 static int open_node(Builder *b, Range root, int depth, Node *node, Cluster *cluster, Range *part) {
     const Bvh *t = b->tree;
     int count = 1;
@@ -202,7 +208,8 @@ static int open_node(Builder *b, Range root, int depth, Node *node, Cluster *clu
     while (count < WIDTH) {
         int widest = -1;
         for (int i = 0; i < count; i++)
-            if (part[i].count > WIDTH && (widest < 0 || part[i].area > part[widest].area)) widest = i;
+            if (part[i].count > WIDTH && (widest < 0 || part[i].area > part[widest].area))
+                widest = i;
         if (widest < 0) break;
         Range left, right;
         split(b, &part[widest], depth, &left, &right);
@@ -238,7 +245,8 @@ static int32_t add_node(Builder *b, Range root, int depth) {
     Cluster cluster;
     int count = open_node(b, root, depth, &node, &cluster, part);
     for (int i = 0; i < count && !b->failed; i++)
-        node.child[i] = part[i].count <= WIDTH ? ~add_leaf(b, &part[i]) : add_node(b, part[i], depth + 1);
+        node.child[i] =
+            part[i].count <= WIDTH ? ~add_leaf(b, &part[i]) : add_node(b, part[i], depth + 1);
     t->nodes[index] = node, t->clusters[index] = cluster;
     return index;
 }
@@ -263,8 +271,10 @@ static int find_neighbours(Bvh *t) {
         for (int64_t i = start[v]; i < start[v + 1]; i++)
             for (int64_t j = i + 1; j < start[v + 1]; j++) {
                 size_t g = (size_t)bucket[i], h = (size_t)bucket[j];
-                int32_t g1 = t->faces[g % 3 == 2 ? g - 2 : g + 1], h1 = t->faces[h % 3 == 2 ? h - 2 : h + 1];
-                if (t->faces[g] == h1 && t->faces[h] == g1 && t->neighbours[g] < 0 && t->neighbours[h] < 0) {
+                int32_t g1 = t->faces[g % 3 == 2 ? g - 2 : g + 1],
+                        h1 = t->faces[h % 3 == 2 ? h - 2 : h + 1];
+                if (t->faces[g] == h1 && t->faces[h] == g1 && t->neighbours[g] < 0 &&
+                    t->neighbours[h] < 0) {
                     t->neighbours[g] = (int32_t)(h / 3);
                     t->neighbours[h] = (int32_t)(g / 3);
                 }
@@ -280,7 +290,8 @@ static void find_vertex_normals(Bvh *t) {
         double n[3];
         if (!pandis__face_normal(&m, f, n)) continue;
         for (int k = 0; k < 3; k++)
-            pandis__corner_normal(&m, f, k, n, t->vertex_normals + 3 * (size_t)t->faces[3 * (ptrdiff_t)f + k]);
+            pandis__corner_normal(
+                &m, f, k, n, t->vertex_normals + 3 * (size_t)t->faces[3 * (ptrdiff_t)f + k]);
     }
     for (int32_t v = 0; v < t->vertex_count; v++) normalise(t->vertex_normals + 3 * (size_t)v);
 }

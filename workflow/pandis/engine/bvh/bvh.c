@@ -1,9 +1,10 @@
 /* A bounding volume hierarchy over triangles: exact closest points and winding numbers.
  *
- * Eight-wide nodes hold boxes in float, rounded outward; leaves hold up to eight triangles, rounded to 16 bits. Single
- * precision selects the triangles that may be nearest; double precision decides. A box or a triangle is skipped only if
- * it is certainly farther than the best one so far, and of equally near triangles the one with the least index wins. So
- * the result depends only on the point and the triangles: not on the order of the points, on threads or vector width.
+ * Eight-wide nodes hold boxes in float, rounded outward; leaves hold up to eight triangles, rounded
+ * to 16 bits. Single precision selects the triangles that may be nearest; double precision decides.
+ * A box or a triangle is skipped only if it is certainly farther than the best one so far, and of
+ * equally near triangles the one with the least index wins. So the result depends only on the point
+ * and the triangles: not on the order of the points, on threads or vector width.
  *
  * Compile without reassociation (-ffp-contract=off, no -ffast-math): then every machine with
  * IEEE arithmetic returns the same bits.
@@ -32,7 +33,8 @@
 #define KNOWN 32
 #define ROUGH_BETA 1.4f
 #define FINE_BETA 2.5f
-#define MIDDLE_BETA 3 /* for clusters farther than this many spreads, the middle replaces the points */
+/* for clusters farther than this many spreads, the middle replaces the points */
+#define MIDDLE_BETA 3
 #define FAR_LIMIT PANDIS__FAR
 
 enum { FLAG_INVALID = 1, FLAG_TIED = 2, FLAG_OVERRULED = 4, FLAG_ON_SURFACE = 8 };
@@ -63,10 +65,18 @@ typedef struct {
 
 /* The tree as pandis.h reads it. */
 static pandis__mesh view(const Bvh *t) {
-    return (pandis__mesh){
-        .vertex_count = t->vertex_count, .face_count = t->face_count, .node_count = t->node_count,
-        .leaf_count = t->leaf_count, .most = INT32_MAX, .reach = t->scale, .vertices = t->vertices, .faces = t->faces,
-        .neighbours = t->neighbours, .vertex_normals = t->vertex_normals, .nodes = t->nodes, .leaves = t->leaves};
+    return (pandis__mesh){.vertex_count = t->vertex_count,
+        .face_count = t->face_count,
+        .node_count = t->node_count,
+        .leaf_count = t->leaf_count,
+        .most = INT32_MAX,
+        .reach = t->scale,
+        .vertices = t->vertices,
+        .faces = t->faces,
+        .neighbours = t->neighbours,
+        .vertex_normals = t->vertex_normals,
+        .nodes = t->nodes,
+        .leaves = t->leaves};
 }
 
 static const double *corner(const Bvh *t, int32_t face, int k) {
@@ -76,8 +86,10 @@ static const double *corner(const Bvh *t, int32_t face, int k) {
 #include "build.h"
 #include "branches.h"
 
-/* Whether another closest point is about as near, in a direction that differs by more than the angle. */
-static int has_tie(const Bvh *t, const pandis__mesh *m, const double *p, const Foot *foot, double relative, double cosine) {
+/* Whether another closest point is about as near, in a direction that differs by more than the
+ * angle. */
+static int has_tie(const Bvh *t, const pandis__mesh *m, const double *p, const Foot *foot,
+    double relative, double cosine) {
     int32_t stack[STACK], keys[WIDTH];
     float q[3] = {(float)p[0], (float)p[1], (float)p[2]};
     double reach = foot->distance * (1 + relative), limit = reach * reach;
@@ -104,7 +116,8 @@ static int has_tie(const Bvh *t, const pandis__mesh *m, const double *p, const F
             if (!(squared[0] <= limit)) continue;
             Foot second;
             pandis__find_mesh_foot(m, face, p, &second);
-            if (dot(second.offset, foot->offset) < cosine * second.distance * foot->distance) return 1;
+            if (dot(second.offset, foot->offset) < cosine * second.distance * foot->distance)
+                return 1;
         }
     }
     return 0;
@@ -112,9 +125,10 @@ static int has_tie(const Bvh *t, const pandis__mesh *m, const double *p, const F
 
 #include "winding.h"
 
-/* ---------------------------------------------------------------- answers */
+/* -------------------- answers */
 
-/* Whether the points are inside, by the winding number alone; 0 where they are not finite or too far away. */
+/* Whether the points are inside, by the winding number alone; 0 where they are not finite or too
+ * far away. */
 void bvh_inside(const Bvh *t, const double *points, int64_t count, uint8_t *inside) {
     for (int64_t i = 0; i < count; i++) {
         const double *p = points + 3 * i;
@@ -125,7 +139,8 @@ void bvh_inside(const Bvh *t, const double *points, int64_t count, uint8_t *insi
 
 /* Which of the faces low to high - 1 have the outside below them, or the inside above. */
 void bvh_look(const Bvh *t, int32_t low, int32_t high, double beside, uint8_t *wrong) {
-    for (int32_t face = low; face < high; face++) wrong[face] = (uint8_t)looks_wrong(t, face, beside);
+    for (int32_t face = low; face < high; face++)
+        wrong[face] = (uint8_t)looks_wrong(t, face, beside);
 }
 
 void bvh_winding(const Bvh *t, const double *points, int64_t count, double *rough, double *exact) {
@@ -135,8 +150,8 @@ void bvh_winding(const Bvh *t, const double *points, int64_t count, double *roug
     }
 }
 
-/* Winding numbers. Clusters farther away than `beta` radii count as dipoles. A larger `beta` is more exact and takes
- * longer; the tree limits the cost. */
+/* Winding numbers. Clusters farther away than `beta` radii count as dipoles. A larger `beta` is
+ * more exact and takes longer; the tree limits the cost. */
 void bvh_turns(const Bvh *t, const double *points, int64_t count, double beta, double *turns) {
     for (int64_t i = 0; i < count; i++) turns[i] = rough_winding(t, points + 3 * i, (float)beta);
 }
@@ -148,9 +163,9 @@ typedef struct {
 /* Label the points order[0 .. count - 1]. Outputs are indexed like the points; face, weights and
  * flags may be NULL. `counts` gets the number of signs compared with a winding number, and of signs
  * that the exact winding number overruled. */
-void bvh_label(const Bvh *t, const double *points, const int64_t *order, int64_t count, double on_surface, int check,
-               double tie_relative, double tie_cosine, double *distance, double *normal, int32_t *face,
-               double *weights, uint8_t *flags, int64_t *counts) {
+void bvh_label(const Bvh *t, const double *points, const int64_t *order, int64_t count,
+    double on_surface, int check, double tie_relative, double tie_cosine, double *distance,
+    double *normal, int32_t *face, double *weights, uint8_t *flags, int64_t *counts) {
     pandis__mesh m = view(t);
     int32_t last = 0;
     double closest[3]; /* to the last point; at first any surface point */
@@ -184,7 +199,8 @@ void bvh_label(const Bvh *t, const double *points, const int64_t *order, int64_t
             for (int j = 0; j < KNOWN && !side; j++) {
                 const Known *k = known + (newest + j) % KNOWN;
                 double x[3] = {p[0] - k->point[0], p[1] - k->point[1], p[2] - k->point[2]};
-                /* a ball as large as its centre's distance contains no surface: balls that meet are on one side */
+                /* a ball as large as its centre's distance contains no surface: balls that meet are
+                 * on one side */
                 double reach = foot.distance + k->distance;
                 if (dot(x, x) * (1 + 1e-12) < reach * reach) side = k->side;
             }
@@ -198,7 +214,8 @@ void bvh_label(const Bvh *t, const double *points, const int64_t *order, int64_t
         }
         if (foot.distance > on_surface) {
             for (int k = 0; k < 3; k++) normal[3 * i + k] = sign * (foot.offset[k] / foot.distance);
-            if (tie_relative > 0 && has_tie(t, &m, p, &foot, tie_relative, tie_cosine)) flag |= FLAG_TIED;
+            if (tie_relative > 0 && has_tie(t, &m, p, &foot, tie_relative, tie_cosine))
+                flag |= FLAG_TIED;
         } else {
             memcpy(normal + 3 * i, n, sizeof n);
             flag |= FLAG_ON_SURFACE;
@@ -214,13 +231,13 @@ void bvh_label(const Bvh *t, const double *points, const int64_t *order, int64_t
 const void *bvh_part(const Bvh *t, int32_t which, int64_t *bytes) {
     int64_t v = t->vertex_count, f = t->face_count;
     switch (which) {
-        case 0: return *bytes = 24 * v, t->vertices;
-        case 1: return *bytes = 24 * v, t->vertex_normals;
-        case 2: return *bytes = 12 * f, t->faces;
-        case 3: return *bytes = 12 * f, t->neighbours;
-        case 4: return *bytes = (int64_t)sizeof(Node) * t->node_count, t->nodes;
-        case 5: return *bytes = (int64_t)sizeof(Leaf) * t->leaf_count, t->leaves;
-        default: return *bytes = 0, NULL;
+    case 0: return *bytes = 24 * v, t->vertices;
+    case 1: return *bytes = 24 * v, t->vertex_normals;
+    case 2: return *bytes = 12 * f, t->faces;
+    case 3: return *bytes = 12 * f, t->neighbours;
+    case 4: return *bytes = (int64_t)sizeof(Node) * t->node_count, t->nodes;
+    case 5: return *bytes = (int64_t)sizeof(Leaf) * t->leaf_count, t->leaves;
+    default: return *bytes = 0, NULL;
     }
 }
 
@@ -228,7 +245,7 @@ double bvh_reach(const Bvh *t) { return t->scale; }
 
 #include "scan.h"
 
-/* ---------------------------------------------------------------- order */
+/* -------------------- order */
 
 #define DIGIT_BITS 15
 #define DIGIT (1 << DIGIT_BITS)

@@ -4,7 +4,7 @@
 
 typedef struct {
     double a[3][LANES], ab[3][LANES], ac[3][LANES];
-    double per_ab[LANES], per_ac[LANES], per_bc[LANES];       /* 1 / squared length */
+    double per_ab[LANES], per_ac[LANES], per_bc[LANES];     /* 1 / squared length */
     double gram_ab[LANES], gram_mix[LANES], gram_ac[LANES]; /* Gram matrix / determinant */
 } Lanes;
 
@@ -27,7 +27,8 @@ static void set_lane(Lanes *lanes, int lane, const double *p, const double *q, c
 }
 
 /* Squared distances to four triangles: the numbers of pandis__face_squared, to the last bit. */
-static void lane_distances(const Lanes *restrict f, const double *restrict p, double *restrict out) {
+static void lane_distances(
+    const Lanes *restrict f, const double *restrict p, double *restrict out) {
     for (int i = 0; i < LANES; i++) {
         double x = p[0] - f->a[0][i], y = p[1] - f->a[1][i], z = p[2] - f->a[2][i];
         double ux = f->ab[0][i], uy = f->ab[1][i], uz = f->ab[2][i];
@@ -62,7 +63,8 @@ int bvh_scan(const Bvh *t, const double *points, int64_t count, double *distance
     if (!lanes) return 0;
     for (int64_t i = 0; i < (int64_t)rows * LANES; i++) {
         int32_t face = i < t->face_count ? (int32_t)i : t->face_count - 1;
-        set_lane(lanes + i / LANES, (int)(i % LANES), corner(t, face, 0), corner(t, face, 1), corner(t, face, 2));
+        set_lane(lanes + i / LANES, (int)(i % LANES), corner(t, face, 0), corner(t, face, 1),
+            corner(t, face, 2));
     }
     for (int64_t i = 0; i < count; i++) {
         const double *p = points + 3 * i;
@@ -88,4 +90,3 @@ int bvh_scan(const Bvh *t, const double *points, int64_t count, double *distance
     free(lanes);
     return 1;
 }
-

@@ -24,7 +24,11 @@ static double rough_atan2(double y, double x) {
     double ax = fabs(x), ay = fabs(y);
     double high = ax > ay ? ax : ay, low = ax > ay ? ay : ax;
     double z = low / (high > 0 ? high : 1), q = z * z;
-    double r = z * (0.99997726 + q * (-0.33262347 + q * (0.19354346 + q * (-0.11643287 + q * (0.05265332 - q * 0.01172120)))));
+    double r = z *
+        (0.99997726 +
+            q *
+                (-0.33262347 +
+                    q * (0.19354346 + q * (-0.11643287 + q * (0.05265332 - q * 0.01172120)))));
     r = ay > ax ? 1.5707963267948966 - r : r;
     r = x < 0 ? 3.141592653589793 - r : r;
     return y < 0 ? -r : r;
@@ -46,8 +50,8 @@ static double leaf_winding(const Bvh *t, const Leaf *leaf, const double *restric
         double la = sqrt(ax * ax + ay * ay + az * az), lb = sqrt(bx * bx + by * by + bz * bz);
         double lc = sqrt(cx * cx + cy * cy + cz * cz);
         double det = ax * (by * cz - bz * cy) + ay * (bz * cx - bx * cz) + az * (bx * cy - by * cx);
-        double down = la * lb * lc + (ax * bx + ay * by + az * bz) * lc + (bx * cx + by * cy + bz * cz) * la +
-                      (cx * ax + cy * ay + cz * az) * lb;
+        double down = la * lb * lc + (ax * bx + ay * by + az * bz) * lc +
+            (bx * cx + by * cy + bz * cz) * la + (cx * ax + cy * ay + cz * az) * lb;
         turns[i] = rough_atan2(det, down);
     }
     for (int i = 0; i < WIDTH && leaf->face[i] >= 0; i++) sum += turns[i];
@@ -71,11 +75,13 @@ static double rough_winding(const Bvh *t, const double *p, float beta) {
         const Node *node = t->nodes + index;
         float part[WIDTH], distance[WIDTH];
         for (int i = 0; i < WIDTH; i++) {
-            float x = c->centre[0][i] - q[0], y = c->centre[1][i] - q[1], z = c->centre[2][i] - q[2];
+            float x = c->centre[0][i] - q[0], y = c->centre[1][i] - q[1],
+                  z = c->centre[2][i] - q[2];
             float d = x * x + y * y + z * z;
             distance[i] = d;
             float safe = d > 1e-20f ? d : 1e-20f;
-            part[i] = (c->dipole[0][i] * x + c->dipole[1][i] * y + c->dipole[2][i] * z) / (safe * sqrtf(safe));
+            part[i] = (c->dipole[0][i] * x + c->dipole[1][i] * y + c->dipole[2][i] * z) /
+                (safe * sqrtf(safe));
         }
         for (int i = 0; i < WIDTH; i++) {
             if (node->low[0][i] > node->high[0][i]) continue;
@@ -99,7 +105,7 @@ static double find_side(const Bvh *t, const double *p) {
     return w > 0.5 ? -1 : 1;
 }
 
-/* ---------------------------------------------------------------- on both sides of faces */
+/* -------------------- on both sides of faces */
 
 /* A face is long from this share of the largest coordinate on. */
 #define LONG_FACE 0.02
@@ -111,27 +117,32 @@ static const double PLACES[WIDTH / 2][3] = {
 /* Add half solid angles of a leaf's triangles, seen from several points at once. */
 static void add_turns(const Bvh *t, const Leaf *leaf, double p[3][WIDTH], double *turns) {
     for (int j = 0; j < WIDTH && leaf->face[j] >= 0; j++) {
-        const double *u = corner(t, leaf->face[j], 0), *v = corner(t, leaf->face[j], 1), *w = corner(t, leaf->face[j], 2);
+        const double *u = corner(t, leaf->face[j], 0), *v = corner(t, leaf->face[j], 1),
+                     *w = corner(t, leaf->face[j], 2);
         for (int i = 0; i < WIDTH; i++) {
             double ax = u[0] - p[0][i], ay = u[1] - p[1][i], az = u[2] - p[2][i];
             double bx = v[0] - p[0][i], by = v[1] - p[1][i], bz = v[2] - p[2][i];
             double cx = w[0] - p[0][i], cy = w[1] - p[1][i], cz = w[2] - p[2][i];
             double la = sqrt(ax * ax + ay * ay + az * az), lb = sqrt(bx * bx + by * by + bz * bz);
             double lc = sqrt(cx * cx + cy * cy + cz * cz);
-            double det = ax * (by * cz - bz * cy) + ay * (bz * cx - bx * cz) + az * (bx * cy - by * cx);
-            double down = la * lb * lc + (ax * bx + ay * by + az * bz) * lc + (bx * cx + by * cy + bz * cz) * la +
-                          (cx * ax + cy * ay + cz * az) * lb;
+            double det =
+                ax * (by * cz - bz * cy) + ay * (bz * cx - bx * cz) + az * (bx * cy - by * cx);
+            double down = la * lb * lc + (ax * bx + ay * by + az * bz) * lc +
+                (bx * cx + by * cy + bz * cz) * la + (cx * ax + cy * ay + cz * az) * lb;
             turns[i] += rough_atan2(det, down);
         }
     }
 }
 
-/* Winding numbers at points within `spread` of a middle: what is far counts as dipoles seen from there. */
-static void rough_windings(const Bvh *t, const double *middle, double spread, double p[3][WIDTH], double *windings) {
+/* Winding numbers at points within `spread` of a middle: what is far counts as dipoles seen from
+ * there. */
+static void rough_windings(
+    const Bvh *t, const double *middle, double spread, double p[3][WIDTH], double *windings) {
     int32_t stack[STACK];
     int top = 0;
     double far = 0, turns[WIDTH] = {0};
-    float q[3] = {(float)middle[0], (float)middle[1], (float)middle[2]}, apart = (float)(MIDDLE_BETA * spread);
+    float q[3] = {(float)middle[0], (float)middle[1], (float)middle[2]},
+          apart = (float)(MIDDLE_BETA * spread);
     stack[top++] = 0;
     while (top) {
         int32_t index = stack[--top];
@@ -143,10 +154,12 @@ static void rough_windings(const Bvh *t, const double *middle, double spread, do
         const Node *node = t->nodes + index;
         float part[WIDTH], margin[WIDTH];
         for (int i = 0; i < WIDTH; i++) {
-            float x = c->centre[0][i] - q[0], y = c->centre[1][i] - q[1], z = c->centre[2][i] - q[2];
+            float x = c->centre[0][i] - q[0], y = c->centre[1][i] - q[1],
+                  z = c->centre[2][i] - q[2];
             float d = x * x + y * y + z * z, safe = d > 1e-20f ? d : 1e-20f, length = sqrtf(safe);
             margin[i] = length - apart - ROUGH_BETA * sqrtf(c->reach[i]);
-            part[i] = (c->dipole[0][i] * x + c->dipole[1][i] * y + c->dipole[2][i] * z) / (safe * length);
+            part[i] =
+                (c->dipole[0][i] * x + c->dipole[1][i] * y + c->dipole[2][i] * z) / (safe * length);
         }
         for (int i = 0; i < WIDTH; i++) {
             if (node->low[0][i] > node->high[0][i]) continue;
@@ -157,10 +170,12 @@ static void rough_windings(const Bvh *t, const double *middle, double spread, do
             }
         }
     }
-    for (int i = 0; i < WIDTH; i++) windings[i] = far / 12.566370614359172 + turns[i] / 6.283185307179586;
+    for (int i = 0; i < WIDTH; i++)
+        windings[i] = far / 12.566370614359172 + turns[i] / 6.283185307179586;
 }
 
-/* Whether a face has the outside below it, or the inside above, so far from it, at one of the places. */
+/* Whether a face has the outside below it, or the inside above, so far from it, at one of the
+ * places. */
 static int looks_wrong(const Bvh *t, int32_t face, double beside) {
     const double *a = corner(t, face, 0), *b = corner(t, face, 1), *c = corner(t, face, 2);
     double ab[3], ac[3], n[3], middle[3], p[3][WIDTH], windings[WIDTH], spread = 0;
@@ -171,16 +186,17 @@ static int looks_wrong(const Bvh *t, int32_t face, double beside) {
     for (int i = 0; i < WIDTH; i++)
         for (int k = 0; k < 3; k++) {
             const double *w = PLACES[i / 2];
-            p[k][i] = w[0] * a[k] + w[1] * b[k] + w[2] * c[k] + (i % 2 ? -beside : beside) * n[k] / length;
+            p[k][i] = w[0] * a[k] + w[1] * b[k] + w[2] * c[k] +
+                (i % 2 ? -beside : beside) * n[k] / length;
         }
     for (int k = 0; k < 3; k++) middle[k] = (a[k] + b[k] + c[k]) / 3;
     for (int i = 0; i < WIDTH; i++) {
         double x[3] = {p[0][i] - middle[0], p[1][i] - middle[1], p[2][i] - middle[2]};
         if (dot(x, x) > spread) spread = dot(x, x);
     }
-    /* around a face that is long beside the object one walk would meet nearly all other faces: ask point by point */
-    if (sqrt(spread) < LONG_FACE * t->scale)
-        rough_windings(t, middle, sqrt(spread), p, windings);
+    /* around a face that is long beside the object one walk would meet nearly all other faces: ask
+     * point by point */
+    if (sqrt(spread) < LONG_FACE * t->scale) rough_windings(t, middle, sqrt(spread), p, windings);
     else
         for (int i = 0; i < WIDTH; i++) windings[i] = 0.5;
     for (int i = 0; i < WIDTH; i++) {

@@ -1,14 +1,17 @@
-/* A device and the hand that holds it as one mass with Coulomb friction, stepped exactly under a constant push.
+/* A device and the hand that holds it as one mass with Coulomb friction, stepped exactly under a
+ * constant push.
  *
- * The state of a linear oscillator after a step is linear in the state before it and in the push. The caller computes
- * the six factors from a matrix exponential. Friction acts against the motion. At rest it cancels any force that is no
- * stronger than it. A step in which the motion reverses ends at rest at the turning point.
+ * The state of a linear oscillator after a step is linear in the state before it and in the push.
+ * The caller computes the six factors from a matrix exponential. Friction acts against the motion.
+ * At rest it cancels any force that is no stronger than it. A step in which the motion reverses
+ * ends at rest at the turning point.
  */
 #include <math.h>
 #include <stdint.h>
 
 typedef struct {
-    double xx, xv, xu, vx, vv, vu; /* position and speed after a step, from position, speed and push */
+    /* position and speed after a step, from position, speed and push */
+    double xx, xv, xu, vx, vv, vu;
     double friction, stiffness, dt;
 } Oscillator;
 
@@ -20,7 +23,8 @@ static void step(const Oscillator *o, double *position, double *speed, const dou
     if (o->friction > 0) {
         double along[3];
         fast = length(speed);
-        for (int k = 0; k < 3; k++) along[k] = fast > 0 ? speed[k] : push[k] - o->stiffness * position[k];
+        for (int k = 0; k < 3; k++)
+            along[k] = fast > 0 ? speed[k] : push[k] - o->stiffness * position[k];
         double size = length(along);
         stuck = fast == 0 && size <= o->friction;
         for (int k = 0; k < 3; k++) push[k] -= o->friction * along[k] / fmax(size, 1e-300);
@@ -30,7 +34,8 @@ static void step(const Oscillator *o, double *position, double *speed, const dou
         to[k] = o->xx * position[k] + o->xv * speed[k] + o->xu * push[k];
         then[k] = o->vx * position[k] + o->vv * speed[k] + o->vu * push[k];
     }
-    if (o->friction > 0 && fast > 0 && speed[0] * then[0] + speed[1] * then[1] + speed[2] * then[2] <= 0) {
+    if (o->friction > 0 && fast > 0 &&
+        speed[0] * then[0] + speed[1] * then[1] + speed[2] * then[2] <= 0) {
         double share = fast / fmax(fast + length(then), 1e-300);
         for (int k = 0; k < 3; k++) to[k] = position[k] + speed[k] * share * o->dt / 2, then[k] = 0;
     }
@@ -38,7 +43,8 @@ static void step(const Oscillator *o, double *position, double *speed, const dou
 }
 
 /* Advance every mass by `steps` steps under its push; arrays are (count, 3). */
-void mass_steps(const Oscillator *o, int64_t count, int64_t steps, double *position, double *speed, const double *push) {
+void mass_steps(const Oscillator *o, int64_t count, int64_t steps, double *position, double *speed,
+    const double *push) {
     for (int64_t i = 0; i < count; i++)
         for (int64_t k = 0; k < steps; k++) step(o, position + 3 * i, speed + 3 * i, push + 3 * i);
 }

@@ -1,8 +1,8 @@
 /* Packs a mesh on a lattice into blocks and a tree, as parts/packed.h and compact.h read them.
  *
- * Faces are in the order of the tree. Blocks are as full as possible, because a corner is stored in every block that
- * uses it. So a split is the best by the surface area heuristic of those that leave whole blocks (in a block, whole
- * groups) on one side. */
+ * Faces are in the order of the tree. Blocks are as full as possible, because a corner is stored in
+ * every block that uses it. So a split is the best by the surface area heuristic of those that
+ * leave whole blocks (in a block, whole groups) on one side. */
 #define PANDIS_NO_FILE
 
 #include <stddef.h>
@@ -29,7 +29,7 @@ typedef struct {
     int32_t vertex_count, face_count;
     const int32_t *vertices, *faces;
     const uint8_t *corner_side, *edge_side, *face_side; /* how the side is found there */
-    int32_t *order, *scratch; /* faces, in the order of the tree */
+    int32_t *order, *scratch;                           /* faces, in the order of the tree */
     uint32_t *key, *other_key;
     double *area;
     pandis__branch *branches;
@@ -45,7 +45,7 @@ typedef struct {
     double area;
 } Range;
 
-/* ---------------------------------------------------------------- splits */
+/* -------------------- splits */
 
 static void face_box(const Packing *m, int32_t face, int32_t *low, int32_t *high) {
     for (int c = 0; c < 3; c++) {
@@ -102,7 +102,8 @@ static void sort_range(Packing *m, const Range *r, int axis) {
     }
 }
 
-/* Find the cheapest cut of a sorted range, at a multiple of `unit`. Returns the cost of both sides. */
+/* Find the cheapest cut of a sorted range, at a multiple of `unit`. Returns the cost of both sides.
+ */
 static double sweep(Packing *m, const Range *r, int32_t unit, int32_t *where) {
     int32_t low[3] = {INT32_MAX, INT32_MAX, INT32_MAX}, high[3] = {-1, -1, -1};
     int32_t last = (r->count - 1) / unit;
@@ -134,7 +135,7 @@ static void split(Packing *m, const Range *r, int32_t unit, int depth, Range *le
     *left = bound(m, r->start, where), *right = bound(m, r->start + where, r->count - where);
 }
 
-/* ---------------------------------------------------------------- blocks */
+/* -------------------- blocks */
 
 static int bit_length(int32_t value) {
     int bits = 0;
@@ -142,14 +143,15 @@ static int bit_length(int32_t value) {
     return bits;
 }
 
-/* Bits for a box of this extent. Its far side, rounded up to the resolution of a byte coordinate, must fit a byte. */
+/* Bits for a box of this extent. Its far side, rounded up to the resolution of a byte coordinate,
+ * must fit a byte. */
 static int bits_for(int32_t extent) {
     int bits = bit_length(extent), shift = pandis__coarse(bits);
     return bits + ((extent + (1 << shift) - 1) >> shift > 255);
 }
 
-/* List the corners of a range's faces, each once. Returns their number, or -1 if there are too many. `local` gets the
- * indices of each face's corners in the list. */
+/* List the corners of a range's faces, each once. Returns their number, or -1 if there are too
+ * many. `local` gets the indices of each face's corners in the list. */
 static int collect(const Packing *m, const Range *r, int32_t *corners, uint8_t *local) {
     int count = 0;
     for (int32_t i = 0; i < 3 * r->count; i++) {
@@ -174,14 +176,16 @@ static void *grown(Packing *m, void *old, int64_t wanted, int64_t *room, size_t 
     return moved;
 }
 
-/* Sort a block's faces into groups of eight neighbours. `part` gets the groups' boxes; returns their number. */
+/* Sort a block's faces into groups of eight neighbours. `part` gets the groups' boxes; returns
+ * their number. */
 static int group(Packing *m, Range whole, Range *part) {
     int count = 1;
     part[0] = whole;
     for (;;) {
         int widest = -1;
         for (int i = 0; i < count; i++)
-            if (part[i].count > WIDTH && (widest < 0 || part[i].area > part[widest].area)) widest = i;
+            if (part[i].count > WIDTH && (widest < 0 || part[i].area > part[widest].area))
+                widest = i;
         if (widest < 0) return count;
         Range left, right;
         split(m, &part[widest], WIDTH, 0, &left, &right);
@@ -190,18 +194,21 @@ static int group(Packing *m, Range whole, Range *part) {
     }
 }
 
-static void write_boxes(uint8_t *boxes, const Range *part, int count, const int32_t *origin, const int *shift) {
+static void write_boxes(
+    uint8_t *boxes, const Range *part, int count, const int32_t *origin, const int *shift) {
     for (int k = 0; k < 3; k++)
         for (int i = 0; i < WIDTH; i++) {
-            int32_t low = i < count ? part[i].low[k] - origin[k] : 0, high = i < count ? part[i].high[k] - origin[k] : 0;
+            int32_t low = i < count ? part[i].low[k] - origin[k] : 0,
+                    high = i < count ? part[i].high[k] - origin[k] : 0;
             boxes[WIDTH * k + i] = (uint8_t)(low >> shift[k]);
             boxes[WIDTH * (3 + k) + i] = (uint8_t)((high + (1 << shift[k]) - 1) >> shift[k]);
         }
 }
 
-/* Write how sides are found at a block's corners, edges and faces, two bits each; nothing if always by the face. */
-static uint8_t *write_sides(const Packing *m, const Range *whole, const int32_t *corners, int count, uint8_t *out,
-                            uint32_t *counts) {
+/* Write how sides are found at a block's corners, edges and faces, two bits each; nothing if always
+ * by the face. */
+static uint8_t *write_sides(const Packing *m, const Range *whole, const int32_t *corners, int count,
+    uint8_t *out, uint32_t *counts) {
     int any = 0, groups = (whole->count + WIDTH - 1) / WIDTH;
     uint8_t *edges = out + (count + 3) / 4, *faces = edges + 6 * groups, *end = faces + 2 * groups;
     memset(out, 0, (size_t)(end - out));
@@ -266,7 +273,7 @@ static int32_t add_block(Packing *m, Range whole) {
     return m->block_count++;
 }
 
-/* ---------------------------------------------------------------- tree */
+/* -------------------- tree */
 
 static int fits(const Packing *m, const Range *r) {
     int32_t corners[BLOCK];
@@ -274,7 +281,8 @@ static int fits(const Packing *m, const Range *r) {
     return r->count <= BLOCK && collect(m, r, corners, local) >= 0;
 }
 
-/* A range of faces is cut at multiples of this, so that few branches and blocks are left half empty. */
+/* A range of faces is cut at multiples of this, so that few branches and blocks are left half
+ * empty. */
 static int32_t unit_of(int32_t count) {
     int64_t unit = BLOCK;
     if (count <= BLOCK) return count > WIDTH ? WIDTH : 1;
@@ -295,7 +303,8 @@ static int32_t add_branch(Packing *m, Range whole, int depth) {
     while (count < WIDTH) {
         int widest = -1;
         for (int i = 0; i < count; i++)
-            if (part[i].count > unit && (widest < 0 || part[i].area > part[widest].area)) widest = i;
+            if (part[i].count > unit && (widest < 0 || part[i].area > part[widest].area))
+                widest = i;
         if (widest < 0) break;
         Range left, right;
         split(m, &part[widest], unit, depth, &left, &right);
@@ -306,12 +315,14 @@ static int32_t add_branch(Packing *m, Range whole, int depth) {
     branch.count = (uint8_t)count;
     int shift[3];
     for (int k = 0; k < 3; k++) {
-        branch.origin[k] = whole.low[k], shift[k] = pandis__coarse(bits_for(whole.high[k] - whole.low[k]));
+        branch.origin[k] = whole.low[k],
+        shift[k] = pandis__coarse(bits_for(whole.high[k] - whole.low[k]));
         branch.shift[k] = (uint8_t)shift[k];
     }
     write_boxes(branch.boxes[0], part, count, whole.low, shift);
     for (int i = 0; i < count && !m->failed; i++)
-        branch.child[i] = fits(m, &part[i]) ? ~add_block(m, part[i]) : add_branch(m, part[i], depth + 1);
+        branch.child[i] =
+            fits(m, &part[i]) ? ~add_block(m, part[i]) : add_branch(m, part[i], depth + 1);
     m->branches[index] = branch;
     return index;
 }
@@ -323,20 +334,23 @@ void packing_free(Packing *m) {
     free(m);
 }
 
-/* Pack a mesh; NULL if memory is short. Vertices (V, 3) are integers from 0 to 2^20 - 1; no face may have two equal
- * corners. How sides are found at vertices, half-edges and faces is coded as in parts/packed.h. All arrays are read
- * until this returns. */
-Packing *packing_build(const int32_t *vertices, int32_t vertex_count, const int32_t *faces, int32_t face_count,
-                       const uint8_t *corner_side, const uint8_t *edge_side, const uint8_t *face_side) {
+/* Pack a mesh; NULL if memory is short. Vertices (V, 3) are integers from 0 to 2^20 - 1; no face
+ * may have two equal corners. How sides are found at vertices, half-edges and faces is coded as in
+ * parts/packed.h. All arrays are read until this returns. */
+Packing *packing_build(const int32_t *vertices, int32_t vertex_count, const int32_t *faces,
+    int32_t face_count, const uint8_t *corner_side, const uint8_t *edge_side,
+    const uint8_t *face_side) {
     Packing *m = calloc(1, sizeof *m);
     if (!m) return NULL;
     size_t f = (size_t)face_count;
-    m->vertices = vertices, m->vertex_count = vertex_count, m->faces = faces, m->face_count = face_count;
+    m->vertices = vertices, m->vertex_count = vertex_count, m->faces = faces,
+    m->face_count = face_count;
     m->corner_side = corner_side, m->edge_side = edge_side, m->face_side = face_side;
     m->order = malloc(f * sizeof(int32_t)), m->scratch = malloc(f * sizeof(int32_t));
     m->key = malloc(f * sizeof(uint32_t)), m->other_key = malloc(f * sizeof(uint32_t));
     m->area = malloc((f + 1) * sizeof(double));
-    if (!m->order || !m->scratch || !m->key || !m->other_key || !m->area) return packing_free(m), NULL;
+    if (!m->order || !m->scratch || !m->key || !m->other_key || !m->area)
+        return packing_free(m), NULL;
     for (int32_t i = 0; i < face_count; i++) m->order[i] = i;
     add_branch(m, bound(m, 0, face_count), 0);
     m->packed = grown(m, m->packed, m->size + PANDIS__SLACK, &m->room, 1);
@@ -349,19 +363,24 @@ Packing *packing_build(const int32_t *vertices, int32_t vertex_count, const int3
 /* The address and the bytes of a part: branches, blocks, packed faces and corners. */
 const void *packing_part(const Packing *m, int32_t which, int64_t *bytes) {
     switch (which) {
-        case 0: return *bytes = (int64_t)sizeof *m->branches * m->branch_count, m->branches;
-        case 1: return *bytes = (int64_t)sizeof *m->blocks * m->block_count, m->blocks;
-        case 2: return *bytes = m->size, m->packed;
-        default: return *bytes = 0, NULL;
+    case 0: return *bytes = (int64_t)sizeof *m->branches * m->branch_count, m->branches;
+    case 1: return *bytes = (int64_t)sizeof *m->blocks * m->block_count, m->blocks;
+    case 2: return *bytes = m->size, m->packed;
+    default: return *bytes = 0, NULL;
     }
 }
 
-/* Distances at points of the unit frame, as pandis.h returns them with the budget `most`, and lower bounds of the
- * distance to the surface. */
-void packing_distances(const void *branches, const void *blocks, const void *packed, int32_t bits, int32_t most,
-                       const double *points, int64_t count, double *distance, double *clear) {
-    pandis__compact t = {.bits = bits, .step = 2 * PANDIS__HALF / ((1 << bits) - 1), .reach = 1, .most = most ? most : INT32_MAX,
-                         .branches = branches, .blocks = blocks, .packed = packed};
+/* Distances at points of the unit frame, as pandis.h returns them with the budget `most`, and lower
+ * bounds of the distance to the surface. */
+void packing_distances(const void *branches, const void *blocks, const void *packed, int32_t bits,
+    int32_t most, const double *points, int64_t count, double *distance, double *clear) {
+    pandis__compact t = {.bits = bits,
+        .step = 2 * PANDIS__HALF / ((1 << bits) - 1),
+        .reach = 1,
+        .most = most ? most : INT32_MAX,
+        .branches = branches,
+        .blocks = blocks,
+        .packed = packed};
     for (int64_t i = 0; i < count; i++) {
         double normal[3];
         pandis__start begin = {(double)INFINITY, (double)INFINITY, {0, 0, 0}, -1, -1};

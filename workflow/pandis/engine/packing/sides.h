@@ -1,7 +1,8 @@
-/* Where to look on which side points are whose closest point is a corner or an edge: a part of packing.c.
+/* Where to look on which side points are whose closest point is a corner or an edge: a part of
+ * packing.c.
  *
- * All points whose closest point is one and the same are on one side: they form a cone that the surface does not
- * enter. So one of them, next to the surface, tells the side of all. */
+ * All points whose closest point is one and the same are on one side: they form a cone that the
+ * surface does not enter. So one of them, next to the surface, tells the side of all. */
 
 #define BESIDE 1e-3 /* how far that one is from the surface (steps): less than any fold is high */
 #define SMOOTH 0.82 /* cosine: normals around a corner that are no farther from their mean */
@@ -18,9 +19,10 @@ typedef struct {
     double x, y;
 } Ray; /* (x, y, 1) in the frame of a pyramid */
 
-/* The rays in one of six pyramids around the axes that make no acute angle with any of some directions:
- * a polygon, cut by one plane after the other. Returns how many corners are left. */
-static int clip(const double *directions, int64_t count, int axis, double along, double slack, Ray *ray, Ray *spare) {
+/* The rays in one of six pyramids around the axes that make no acute angle with any of some
+ * directions: a polygon, cut by one plane after the other. Returns how many corners are left. */
+static int clip(const double *directions, int64_t count, int axis, double along, double slack,
+    Ray *ray, Ray *spare) {
     int corners = 4, second = (axis + 1) % 3, third = (axis + 2) % 3;
     ray[0] = (Ray){-1, -1}, ray[1] = (Ray){1, -1}, ray[2] = (Ray){1, 1}, ray[3] = (Ray){-1, 1};
     for (int64_t i = 0; i < count && corners; i++) {
@@ -42,8 +44,10 @@ static int clip(const double *directions, int64_t count, int axis, double along,
     return corners;
 }
 
-/* Add a point in each of those cones of the points nearest to one from which the surface leaves in some directions. */
-static void add_rays(Rays *rays, int32_t owner, const double *from, const double *directions, int64_t count, Ray *room) {
+/* Add a point in each of those cones of the points nearest to one from which the surface leaves in
+ * some directions. */
+static void add_rays(Rays *rays, int32_t owner, const double *from, const double *directions,
+    int64_t count, Ray *room) {
     for (int axis = 0; axis < 3; axis++)
         for (double along = -1; along <= 1; along += 2) {
             int corners = clip(directions, count, axis, along, 1e-6, room, room + count + 8);
@@ -65,7 +69,8 @@ static void add_rays(Rays *rays, int32_t owner, const double *from, const double
                 rays->room = more;
             }
             rays->owners[rays->count] = owner;
-            for (int k = 0; k < 3; k++) rays->points[3 * rays->count + k] = from[k] + BESIDE * ray[k];
+            for (int k = 0; k < 3; k++)
+                rays->points[3 * rays->count + k] = from[k] + BESIDE * ray[k];
             rays->count++;
         }
 }
@@ -101,8 +106,8 @@ static int find_around(const Mesh *m, int64_t **first, int32_t **around) {
 }
 
 /* Look beside a vertex, unless the faces around it are nearly in one plane. */
-static void look_beside_vertex(const Mesh *m, int32_t vertex, const int32_t *around, int64_t count, double *directions,
-                               Ray *room, Rays *rays) {
+static void look_beside_vertex(const Mesh *m, int32_t vertex, const int32_t *around, int64_t count,
+    double *directions, Ray *room, Rays *rays) {
     double sum[3] = {0}, from[3], n[3];
     int smooth = 1;
     for (int64_t i = 0; i < count; i++) {
@@ -116,13 +121,15 @@ static void look_beside_vertex(const Mesh *m, int32_t vertex, const int32_t *aro
         for (int j = 0; j < 3; j++) sum[j] += n[j];
     }
     smooth &= pandis__normalise(sum);
-    for (int64_t i = 0; i < count && smooth; i++) unit_normal(m, around[i] / 3, n), smooth = dot(n, sum) >= SMOOTH;
+    for (int64_t i = 0; i < count && smooth; i++)
+        unit_normal(m, around[i] / 3, n), smooth = dot(n, sum) >= SMOOTH;
     if (count && !smooth) add_rays(rays, vertex, from, directions, 2 * count, room);
 }
 
-/* Look beside the midpoint of an edge, unless the edge is blunt; `halves` are all of its half-edges. */
-static void look_beside_edge(const Mesh *m, int32_t owner, const int32_t *halves, int64_t count, double *directions,
-                             Ray *room, Rays *rays) {
+/* Look beside the midpoint of an edge, unless the edge is blunt; `halves` are all of its
+ * half-edges. */
+static void look_beside_edge(const Mesh *m, int32_t owner, const int32_t *halves, int64_t count,
+    double *directions, Ray *room, Rays *rays) {
     double n[2][3], a[3], b[3], middle[3];
     int blunt = count == 2;
     point(m, halves[0] / 3, halves[0] % 3, a), point(m, halves[0] / 3, (halves[0] % 3 + 1) % 3, b);
@@ -149,7 +156,8 @@ void packing_free_rays(Rays *rays) {
 }
 
 /* Points that tell the sides at corners and edges; NULL if memory is short. */
-Rays *packing_rays(const int32_t *vertices, int32_t vertex_count, const int32_t *faces, int32_t face_count) {
+Rays *packing_rays(
+    const int32_t *vertices, int32_t vertex_count, const int32_t *faces, int32_t face_count) {
     Mesh mesh = {vertex_count, face_count, vertices, faces}, *m = &mesh;
     Rays *rays = calloc(1, sizeof *rays);
     int64_t *first = NULL, most = 0;
@@ -162,12 +170,14 @@ Rays *packing_rays(const int32_t *vertices, int32_t vertex_count, const int32_t 
     int32_t *halves = malloc((2 * (size_t)most + 2) * sizeof *halves);
     good = good && directions && room && halves;
     for (int32_t v = 0; good && v < vertex_count; v++)
-        look_beside_vertex(m, v, around + first[v], first[v + 1] - first[v], directions, room, rays);
+        look_beside_vertex(
+            m, v, around + first[v], first[v + 1] - first[v], directions, room, rays);
     for (size_t h = 0; good && h < 3 * (size_t)face_count; h++) {
         int32_t u = faces[h], v = faces[h % 3 == 2 ? h - 2 : h + 1];
         int64_t count = 0;
         /* those that start at the one end that fewer faces meet at, and those that end there */
-        int32_t end = first[u + 1] - first[u] <= first[v + 1] - first[v] ? u : v, far = u == end ? v : u;
+        int32_t end = first[u + 1] - first[u] <= first[v + 1] - first[v] ? u : v,
+                far = u == end ? v : u;
         for (int64_t i = first[end]; i < first[end + 1]; i++) {
             int32_t start = around[i], before = start % 3 ? start - 1 : start + 2;
             int32_t next = faces[start % 3 == 2 ? start - 2 : start + 1];

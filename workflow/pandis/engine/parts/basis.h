@@ -4,7 +4,8 @@
 #if defined(_MSC_VER)
 #include <intrin.h>
 #endif
-#if defined(__FAST_MATH__) || defined(__RECIPROCAL_MATH__) || (defined(__FINITE_MATH_ONLY__) && __FINITE_MATH_ONLY__ > 0) || defined(_M_FP_FAST)
+#if defined(__FAST_MATH__) || defined(__RECIPROCAL_MATH__) ||                                      \
+    (defined(__FINITE_MATH_ONLY__) && __FINITE_MATH_ONLY__ > 0) || defined(_M_FP_FAST)
 #error "pandis.h needs IEEE arithmetic: compile without -ffast-math (/fp:fast)"
 #endif
 #if FLT_EVAL_METHOD != 0 && FLT_EVAL_METHOD != 16 /* 16: only half-precision arithmetic differs */
@@ -31,9 +32,9 @@
 #define PANDIS__RESTRICT restrict
 #endif
 
-/* -O2 is enough for the code below. GCC then uses few vectors, and even fewer if an operation might trap, so options are
- * set here; clang needs none. Products and sums are rounded separately, whatever the flags, so that all compilers,
- * machines and vector widths give the same bits. */
+/* -O2 is enough for the code below. GCC then uses few vectors, and even fewer if an operation might
+ * trap, so options are set here; clang needs none. Products and sums are rounded separately,
+ * whatever the flags, so that all compilers, machines and vector widths give the same bits. */
 #if defined(__cplusplus) && defined(__GNUC__) /* the code is also C, which has no other casts */
 #pragma GCC diagnostic push
 #pragma GCC diagnostic ignored "-Wold-style-cast"
@@ -50,7 +51,8 @@
 #define PANDIS__PUSHED
 #endif
 
-#if defined(__GNUC__) && !(defined(__clang__) && !defined(__OPTIMIZE__)) /* without optimisation clang's stack would grow */
+/* without optimisation clang's stack would grow */
+#if defined(__GNUC__) && !(defined(__clang__) && !defined(__OPTIMIZE__))
 #define PANDIS__INLINE static inline __attribute__((always_inline))
 #else
 #define PANDIS__INLINE static inline
@@ -79,18 +81,22 @@
 #define PANDIS_MOST_DEPTH 16
 #endif
 
-#define PANDIS__LONGEST 1.8       /* longest side of a mesh in the unit frame */
+#define PANDIS__LONGEST 1.8 /* longest side of a mesh in the unit frame */
 #define PANDIS__HALF (PANDIS__LONGEST / 2)
-#define PANDIS__FAR 1e150         /* larger coordinates overflow when squared */
-#define PANDIS__EDGE (1 - 1e-12)  /* the outermost faces of the box belong to its last cells */
-#define PANDIS__LANES 16          /* number of lanes of a sum, whatever the machine's vector width */
+#define PANDIS__FAR 1e150        /* larger coordinates overflow when squared */
+#define PANDIS__EDGE (1 - 1e-12) /* the outermost faces of the box belong to its last cells */
+/* number of lanes of a sum, whatever the machine's vector width */
+#define PANDIS__LANES 16
 #define PANDIS__ROWS ((PANDIS_MOST_WIDTH + PANDIS__LANES - 1) / PANDIS__LANES * PANDIS__LANES)
-#define PANDIS__HEAP 512 /* capacity of the queue of boxes to visit; if it is full, the farthest are dropped */
+/* capacity of the queue of boxes to visit; if it is full, the farthest are dropped */
+#define PANDIS__HEAP 512
 #define PANDIS__STACK 704
-#define PANDIS__DEEPEST 100 /* maximum depth of a tree: each level leaves seven entries on the stack */
+/* maximum depth of a tree: each level leaves seven entries on the stack */
+#define PANDIS__DEEPEST 100
 #define PANDIS__NO_BRICK 65535
 #define PANDIS__MOST_BITS 20
-#define PANDIS__SOON 192 /* minimum number of boxes and faces visited in tree order, before best-first */
+/* minimum number of boxes and faces visited in tree order, before best-first */
+#define PANDIS__SOON 192
 #define PANDIS__SLACK 16 /* bytes after the last block that are read but not used */
 #define PANDIS__BLOCK 64 /* maximum number of faces, and of corners, per block of a packed mesh */
 
@@ -116,7 +122,8 @@ static int pandis__normalise(double *v) {
 }
 
 /* Move a point into a box; returns the distance moved. */
-static double pandis__clamp_to(const double *low, const double *high, const double *u, double *inside) {
+static double pandis__clamp_to(
+    const double *low, const double *high, const double *u, double *inside) {
     double off[3];
     for (int k = 0; k < 3; k++) {
         inside[k] = u[k] < low[k] ? low[k] : u[k] > high[k] ? high[k] : u[k];
@@ -129,4 +136,3 @@ static double pandis__clamp(const double *u, double *inside) {
     static const double low[3] = {-1, -1, -1}, high[3] = {1, 1, 1};
     return pandis__clamp_to(low, high, u, inside);
 }
-

@@ -1,6 +1,7 @@
-/* ---------------------------------------------------------------- B-splines */
+/* -------------------- B-splines */
 
-/* Cubic B-spline weights of the four nodes around t in [0, 1), and their derivatives with respect to t. */
+/* Cubic B-spline weights of the four nodes around t in [0, 1), and their derivatives with respect
+ * to t. */
 PANDIS__INLINE void pandis__weigh(double t, double *w, double *dw) {
     double s = 1 - t;
     w[0] = s * s * s / 6, w[3] = t * t * t / 6;
@@ -9,9 +10,10 @@ PANDIS__INLINE void pandis__weigh(double t, double *w, double *dw) {
     dw[1] = t * (3 * t - 4) / 2, dw[2] = -s * (3 * s - 4) / 2;
 }
 
-/* Find the cell of a point and the weights of its 4 x 4 x 4 nodes; returns 0 outside the lattice. */
-PANDIS__INLINE int pandis__place(int32_t size, double low, double per_step, const double *p, int *first, double (*w)[4],
-                                 double (*dw)[4]) {
+/* Find the cell of a point and the weights of its 4 x 4 x 4 nodes; returns 0 outside the lattice.
+ */
+PANDIS__INLINE int pandis__place(int32_t size, double low, double per_step, const double *p,
+    int *first, double (*w)[4], double (*dw)[4]) {
     for (int k = 0; k < 3; k++) {
         double x = (p[k] - low) * per_step, cell = floor(x);
         if (!(cell >= 1 && cell <= size - 3)) return 0; /* NaN too */
@@ -22,7 +24,8 @@ PANDIS__INLINE int pandis__place(int32_t size, double low, double per_step, cons
     return 1;
 }
 
-/* Four numbers at once, if the compiler has vectors; each result is the same as if computed alone. */
+/* Four numbers at once, if the compiler has vectors; each result is the same as if computed alone.
+ */
 #if defined(PANDIS__VECTOR) && PANDIS__VECTOR > 1
 typedef double pandis__four __attribute__((vector_size(32)));
 typedef float pandis__four_floats __attribute__((vector_size(16), aligned(4), may_alias));
@@ -30,7 +33,8 @@ typedef float pandis__four_floats __attribute__((vector_size(16), aligned(4), ma
 #endif
 
 /* Add value and gradient of the spline that has these 64 coefficients around a point. */
-PANDIS__INLINE void pandis__tensor(const float *c, double (*w)[4], double (*dw)[4], double *value, double *gradient) {
+PANDIS__INLINE void pandis__tensor(
+    const float *c, double (*w)[4], double (*dw)[4], double *value, double *gradient) {
 #ifdef PANDIS__FOUR_AT_ONCE
     pandis__four f = {0, 0, 0, 0}, gx = f, gy = f;
 #else
@@ -41,7 +45,8 @@ PANDIS__INLINE void pandis__tensor(const float *c, double (*w)[4], double (*dw)[
             double a = w[0][x] * w[1][y], b = dw[0][x] * w[1][y], d = w[0][x] * dw[1][y];
             const float *row = c + 16 * x + 4 * y;
 #ifdef PANDIS__FOUR_AT_ONCE
-            pandis__four r = __builtin_convertvector(*(const pandis__four_floats *)row, pandis__four);
+            pandis__four r =
+                __builtin_convertvector(*(const pandis__four_floats *)row, pandis__four);
             f += a * r, gx += b * r, gy += d * r;
 #else
             for (int z = 0; z < 4; z++) {
@@ -52,7 +57,8 @@ PANDIS__INLINE void pandis__tensor(const float *c, double (*w)[4], double (*dw)[
         }
     for (int z = 0; z < 4; z++) {
         *value += f[z] * w[2][z];
-        gradient[0] += gx[z] * w[2][z], gradient[1] += gy[z] * w[2][z], gradient[2] += f[z] * dw[2][z];
+        gradient[0] += gx[z] * w[2][z], gradient[1] += gy[z] * w[2][z],
+            gradient[2] += f[z] * dw[2][z];
     }
 }
 
@@ -61,16 +67,21 @@ static void pandis__gather(const float *values, int32_t size, const int *first, 
     for (int x = 0; x < 4; x++)
         for (int y = 0; y < 4; y++)
             memcpy(c + 16 * x + 4 * y,
-                   values + ((ptrdiff_t)(first[0] + x) * size + first[1] + y) * size + first[2], 4 * sizeof *c);
+                values + ((ptrdiff_t)(first[0] + x) * size + first[1] + y) * size + first[2],
+                4 * sizeof *c);
 }
 
 /* Compute value and gradient at a point of the box, from a lattice that covers it. */
-static void pandis__cubic(const pandis__lattice *l, const double *u, double *value, double *gradient) {
+static void pandis__cubic(
+    const pandis__lattice *l, const double *u, double *value, double *gradient) {
     double within[3], w[3][4], dw[3][4];
     float c[64];
     int first[3];
     *value = gradient[0] = gradient[1] = gradient[2] = 0;
-    for (int k = 0; k < 3; k++) within[k] = u[k] < -PANDIS__EDGE ? -PANDIS__EDGE : u[k] > PANDIS__EDGE ? PANDIS__EDGE : u[k];
+    for (int k = 0; k < 3; k++)
+        within[k] = u[k] < -PANDIS__EDGE ? -PANDIS__EDGE
+            : u[k] > PANDIS__EDGE        ? PANDIS__EDGE
+                                         : u[k];
     if (!pandis__place(l->size, l->low, l->per_step, within, first, w, dw)) return;
     pandis__gather(l->values, l->size, first, c);
     pandis__tensor(c, w, dw, value, gradient);

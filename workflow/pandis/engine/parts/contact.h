@@ -1,19 +1,21 @@
-/* ---------------------------------------------------------------- contact */
+/* -------------------- contact */
 
-/* Compute the force of spring and damping from the positions of probe and proxy; object's frame, scene units. */
-static void pandis__pull(const pandis__contact *c, const pandis_object *o, const double *normal, double damping,
-                         double *force) {
+/* Compute the force of spring and damping from the positions of probe and proxy; object's frame,
+ * scene units. */
+static void pandis__pull(const pandis__contact *c, const pandis_object *o, const double *normal,
+    double damping, double *force) {
     double per = o->scale / o->field->scale;
     for (int k = 0; k < 3; k++) force[k] = o->stiffness * per * c->pull[k];
-    double push = pandis__dot(force, normal), fast = -damping * pandis__dot(c->velocity, normal) * per;
+    double push = pandis__dot(force, normal),
+           fast = -damping * pandis__dot(c->velocity, normal) * per;
     if (!(push > 0)) return;
     /* at most the spring's force: damping starts at zero and never pulls */
     fast = fast > push ? push : fast < -push ? -push : fast;
     for (int k = 0; k < 3; k++) force[k] += fast * normal[k];
 }
 
-/* Largest radius of a probe (unit frame) that can return to free space. Where the field has only a lower bound of the
- * distance, no free space would be known for a larger probe. */
+/* Largest radius of a probe (unit frame) that can return to free space. Where the field has only a
+ * lower bound of the distance, no free space would be known for a larger probe. */
 static double pandis__widest(const pandis_field *f) {
     if (f->kind == PANDIS_SPLINE) return 0.95 * fmax(f->height, f->as.spline.outside);
     return f->kind == PANDIS_GRID ? 0.95 * f->height : 1e100;
@@ -28,30 +30,37 @@ static int pandis__in_range(double x, double most) { return x >= 0 && x <= most;
 
 static int pandis__material_is_sound(const pandis_material *m) {
     return pandis__in_range(m->sticking, 1e100) && pandis__in_range(m->sliding, m->sticking) &&
-           pandis__in_range(m->damping, 1e100) && pandis__in_range(m->drag, 1e100);
+        pandis__in_range(m->damping, 1e100) && pandis__in_range(m->drag, 1e100);
 }
 
-PANDIS__ONCE static pandis_error pandis__check_options(const pandis_contact_options *options, const pandis_object *o) {
+PANDIS__ONCE static pandis_error pandis__check_options(
+    const pandis_contact_options *options, const pandis_object *o) {
     const pandis_texture *t = options->texture;
     double per = o->field->scale / o->scale;
-    int sound = options->budget >= PANDIS__LEAST_BUDGET && pandis__in_range(options->slide, 1e100) &&
-                pandis__in_range(options->radius, 1e100) && (!options->material_count || options->materials);
-    if (t) sound = sound && t->height && pandis__in_range(t->most, 1e100) && pandis__in_range(t->steepest, PANDIS__STEEPEST);
-    for (size_t i = 0; sound && i < options->material_count; i++) sound = pandis__material_is_sound(options->materials + i);
+    int sound = options->budget >= PANDIS__LEAST_BUDGET &&
+        pandis__in_range(options->slide, 1e100) && pandis__in_range(options->radius, 1e100) &&
+        (!options->material_count || options->materials);
+    if (t)
+        sound = sound && t->height && pandis__in_range(t->most, 1e100) &&
+            pandis__in_range(t->steepest, PANDIS__STEEPEST);
+    for (size_t i = 0; sound && i < options->material_count; i++)
+        sound = pandis__material_is_sound(options->materials + i);
     if (!sound) return PANDIS_ERROR_OPTIONS;
     return options->radius * per <= pandis__widest(o->field) ? PANDIS_SUCCESS : PANDIS_ERROR_RADIUS;
 }
 
-PANDIS__ONCE PANDIS_API pandis_contact_options pandis_contact_defaults(const pandis_object *object) {
+PANDIS__ONCE PANDIS_API pandis_contact_options pandis_contact_defaults(
+    const pandis_object *object) {
     pandis_contact_options options;
     memset(&options, 0, sizeof options);
     options.budget = PANDIS__BUDGET;
-    if (pandis__lies(object)) options.slide = 0.5 * PANDIS__LONGEST * object->scale / object->field->scale;
+    if (pandis__lies(object))
+        options.slide = 0.5 * PANDIS__LONGEST * object->scale / object->field->scale;
     return options;
 }
 
-PANDIS__ONCE PANDIS_API pandis_error pandis_contact_open(pandis_contact *contact, const pandis_object *object,
-                                            const pandis_contact_options *options) {
+PANDIS__ONCE PANDIS_API pandis_error pandis_contact_open(
+    pandis_contact *contact, const pandis_object *object, const pandis_contact_options *options) {
     pandis__contact *c = pandis__contact_of(contact);
     pandis_contact_options defaults = pandis_contact_defaults(object);
     memset(contact, 0, sizeof *contact);
@@ -69,18 +78,22 @@ PANDIS_API pandis_contact_options pandis_contact_get(const pandis_contact *conta
     return pandis__contact_in(contact)->options;
 }
 
-PANDIS_API pandis_error pandis_contact_set(pandis_contact *contact, const pandis_contact_options *options) {
+PANDIS_API pandis_error pandis_contact_set(
+    pandis_contact *contact, const pandis_contact_options *options) {
     pandis__contact *c = pandis__contact_of(contact);
     if (!c->options.budget) return PANDIS_ERROR_OPTIONS; /* the contact is not open */
     pandis_error error = pandis__check_options(options, &c->object);
     if (error) return error;
     /* the known free space depends on the old radius and texture */
-    if (options->radius != c->options.radius || options->texture != c->options.texture) c->ball[3] = -1;
+    if (options->radius != c->options.radius || options->texture != c->options.texture)
+        c->ball[3] = -1;
     c->options = *options;
     return PANDIS_SUCCESS;
 }
 
-PANDIS_API void pandis_contact_reshaped(pandis_contact *contact) { pandis__contact_of(contact)->ball[3] = -1; }
+PANDIS_API void pandis_contact_reshaped(pandis_contact *contact) {
+    pandis__contact_of(contact)->ball[3] = -1;
+}
 
 /* Move the walls outward by `by`, at most to the probe, and the proxy to the probe. */
 static void pandis__stand_at(pandis__proxy *p, const double *probe, pandis__look *look, double by) {
@@ -93,8 +106,8 @@ static void pandis__stand_at(pandis__proxy *p, const double *probe, pandis__look
     pandis__learn(p, look, probe, look->distance);
 }
 
-/* Begin at the probe. If it is inside, the walls are moved in to its depth until it comes out, so that it is neither
- * kicked out nor let through. */
+/* Begin at the probe. If it is inside, the walls are moved in to its depth until it comes out, so
+ * that it is neither kicked out nor let through. */
 static int pandis__begin(pandis__proxy *p, const double *probe) {
     pandis__look look;
     if (!pandis__look_at(p, probe, &look) || (look.distance < 0 && p->flag != PANDIS_OK)) return 0;
@@ -122,8 +135,8 @@ static void pandis__find_region(pandis__proxy *p) {
     p->state->region = answer.region;
 }
 
-static void pandis__tell_touch(const pandis__proxy *p, const pandis__way *way, const pandis_object *o, double damping,
-                               pandis_touch *touch) {
+static void pandis__tell_touch(const pandis__proxy *p, const pandis__way *way,
+    const pandis_object *o, double damping, pandis_touch *touch) {
     const pandis__contact *c = p->state;
     double per = o->scale / p->field->scale, normal[3], force[3], place[3];
     for (int k = 0; k < 3; k++) normal[k] = way->active ? way->goal[k] - c->probe[k] : c->pull[k];
@@ -137,7 +150,8 @@ static void pandis__tell_touch(const pandis__proxy *p, const pandis__way *way, c
         touch->proxy[k] = o->scale * pandis__dot(row, place) + o->translation[k];
     }
     touch->slip = way->slid * per, touch->face = c->face, touch->region = c->region;
-    touch->state = (way->active ? PANDIS_TOUCHING : 0) | (way->active && c->sticks ? PANDIS_STICKING : 0);
+    touch->state =
+        (way->active ? PANDIS_TOUCHING : 0) | (way->active && c->sticks ? PANDIS_STICKING : 0);
     for (int i = 0; i < PANDIS__PLANES; i++) touch->planes += way->active >> i & 1;
     if (way->active) touch->depth = pandis__between(way->goal, c->probe) * per;
     int apart = memcmp(c->proxy, c->probe, sizeof c->probe) != 0;
@@ -145,27 +159,35 @@ static void pandis__tell_touch(const pandis__proxy *p, const pandis__way *way, c
     if (c->sunk > 0) touch->state |= PANDIS_WAITING;
 }
 
-PANDIS_API pandis_flag pandis_contact_step(pandis_contact *handle, const pandis_object *object, const double position[3],
-                                           double dt, pandis_touch *touch) {
+PANDIS_API pandis_flag pandis_contact_step(pandis_contact *handle, const pandis_object *object,
+    const double position[3], double dt, pandis_touch *touch) {
     pandis__contact *contact = pandis__contact_of(handle);
     const pandis_contact_options *options = &contact->options;
     static const pandis_material smooth = {0, 0, 0, 0};
     const pandis_field *f = object->field;
-    double point[3], probe[3], per = f->scale / object->scale; /* unit-frame lengths per scene length */
+    /* unit-frame lengths per scene length */
+    double point[3], probe[3], per = f->scale / object->scale;
     memset(touch, 0, sizeof *touch);
     touch->flag = PANDIS_INVALID, touch->face = touch->region = -1;
     pandis__enter(object, position, point);
     if (!pandis__unit(f, point, probe) || !(dt > 0) || !options->budget) return PANDIS_INVALID;
-    if (!pandis__knows_distance(f) || options->radius * per > pandis__widest(f)) return PANDIS_INVALID;
+    if (!pandis__knows_distance(f) || options->radius * per > pandis__widest(f))
+        return PANDIS_INVALID;
     const pandis_material *material = options->material_count ? options->materials : &smooth;
-    if (contact->region > 0 && (size_t)contact->region < options->material_count) material += contact->region;
-    if (!pandis__in_range(object->stiffness, PANDIS__STIFFEST) || !pandis__material_is_sound(material)) return PANDIS_INVALID;
-    if (contact->object.field != f || contact->object.scale != object->scale) contact->state = PANDIS__BEGINS;
+    if (contact->region > 0 && (size_t)contact->region < options->material_count)
+        material += contact->region;
+    if (!pandis__in_range(object->stiffness, PANDIS__STIFFEST) ||
+        !pandis__material_is_sound(material))
+        return PANDIS_INVALID;
+    if (contact->object.field != f || contact->object.scale != object->scale)
+        contact->state = PANDIS__BEGINS;
     if (contact->state == PANDIS__BEGINS) contact->sunk = 0;
     contact->object = *object;
     pandis__proxy p; /* unused planes are uninitialised */
-    p.state = contact, p.field = f, p.radius = options->radius * per - contact->sunk, p.tolerance = 1e-11;
-    p.blur = f->kind == PANDIS_COMPACT ? f->as.compact.step : PANDIS__BEHIND; /* the lattice step; rounding may fold faces */
+    p.state = contact, p.field = f, p.radius = options->radius * per - contact->sunk,
+    p.tolerance = 1e-11;
+    /* the lattice step; rounding may fold faces */
+    p.blur = f->kind == PANDIS_COMPACT ? f->as.compact.step : PANDIS__BEHIND;
     p.queries = 0, p.flag = PANDIS_OK;
     p.exact = f->kind == PANDIS_MESH || f->kind == PANDIS_COMPACT || f->kind == PANDIS_SHAPE;
     p.flat = p.exact && !options->texture;
@@ -174,15 +196,21 @@ PANDIS_API pandis_flag pandis_contact_step(pandis_contact *handle, const pandis_
     memcpy(p.plane, contact->plane, (size_t)p.count * sizeof *p.plane);
     if (!contact->stalled) contact->lift = fmin(PANDIS__HOVER, 1.5 * contact->lift);
 
-    double moved = contact->state == PANDIS__BEGINS ? 0 : pandis__between(probe, contact->probe), pulled[3];
-    double soft = material->drag > 0 ? object->stiffness * dt / (object->stiffness * dt + material->drag) : 1;
-    pandis__way way = {moved + options->slide * dt * per, material->sticking, material->sliding, soft, -1, 1, 0, {0}, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0};
+    double moved = contact->state == PANDIS__BEGINS ? 0 : pandis__between(probe, contact->probe),
+           pulled[3];
+    double soft =
+        material->drag > 0 ? object->stiffness * dt / (object->stiffness * dt + material->drag) : 1;
+    pandis__way way = {moved + options->slide * dt * per, material->sticking, material->sliding,
+        soft, -1, 1, 0, {0}, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0};
     int answered = 1;
     if (contact->state == PANDIS__BEGINS) answered = pandis__begin(&p, probe);
     else if (!(contact->ball[3] > 0)) answered = pandis__regain(&p);
-    if (contact->state != PANDIS__BEGINS) answered = answered && pandis__come(&p, &way, probe, moved);
-    if (contact->sunk > 0 && !way.active && !memcmp(p.x, probe, sizeof probe)) answered = answered && pandis__rise(&p, probe);
-    if (answered && way.active && p.queries && options->regions && !f->regions) pandis__find_region(&p);
+    if (contact->state != PANDIS__BEGINS)
+        answered = answered && pandis__come(&p, &way, probe, moved);
+    if (contact->sunk > 0 && !way.active && !memcmp(p.x, probe, sizeof probe))
+        answered = answered && pandis__rise(&p, probe);
+    if (answered && way.active && p.queries && options->regions && !f->regions)
+        pandis__find_region(&p);
     touch->queries = p.queries, touch->flag = p.flag;
     if (contact->state == PANDIS__BEGINS) {
         touch->state = p.flag == PANDIS_INVALID ? 0 : PANDIS_WAITING;
@@ -190,7 +218,8 @@ PANDIS_API pandis_flag pandis_contact_step(pandis_contact *handle, const pandis_
     }
     if (!answered) return touch->flag = PANDIS_INVALID;
     contact->planes = p.count < PANDIS__KEPT ? p.count : PANDIS__KEPT;
-    memcpy(contact->plane, p.plane + (p.count - contact->planes), (size_t)contact->planes * sizeof *p.plane);
+    memcpy(contact->plane, p.plane + (p.count - contact->planes),
+        (size_t)contact->planes * sizeof *p.plane);
     int active = way.active;
     if (active) contact->state = PANDIS__TOUCHES;
     if (!active) contact->sticks = 0;

@@ -1,5 +1,6 @@
 /* Open a lattice that covers the box with `cells` cells per axis. */
-PANDIS__ONCE static int pandis__open_lattice(const pandis_field *f, const char *name, int32_t cells, pandis__lattice *l) {
+PANDIS__ONCE static int pandis__open_lattice(
+    const pandis_field *f, const char *name, int32_t cells, pandis__lattice *l) {
     l->size = cells + 3, l->low = -1 - 2.0 / cells, l->per_step = (l->size - 1) / (-2 * l->low);
     l->values = (const float *)pandis__section(f, name, pandis__cube(l->size), sizeof(float));
     return pandis__finite(l->values, pandis__cube(l->size));
@@ -8,16 +9,22 @@ PANDIS__ONCE static int pandis__open_lattice(const pandis_field *f, const char *
 PANDIS__ONCE static int pandis__open_network(pandis_field *f) {
     pandis__network *n = &f->as.network;
     int32_t base = pandis__whole(f, 3), bits = pandis__whole(f, 4);
-    n->width = pandis__whole(f, 0), n->depth = pandis__whole(f, 1), n->outputs = pandis__whole(f, 2);
-    if (n->width < 1 || n->width > PANDIS_MOST_WIDTH || n->depth < 1 || n->depth > PANDIS_MOST_DEPTH) return 0;
-    if ((n->outputs != 1 && n->outputs != 4) || (bits != 16 && bits != 32) || base < 0 || base > 512) return 0;
+    n->width = pandis__whole(f, 0), n->depth = pandis__whole(f, 1),
+    n->outputs = pandis__whole(f, 2);
+    if (n->width < 1 || n->width > PANDIS_MOST_WIDTH || n->depth < 1 ||
+        n->depth > PANDIS_MOST_DEPTH)
+        return 0;
+    if ((n->outputs != 1 && n->outputs != 4) || (bits != 16 && bits != 32) || base < 0 ||
+        base > 512)
+        return 0;
     n->stride = (n->width + PANDIS__LANES - 1) / PANDIS__LANES * PANDIS__LANES;
     uint64_t row = (uint64_t)n->stride, rows = (uint64_t)(n->depth - 1) * (uint64_t)n->width;
     uint64_t biases = (uint64_t)n->depth * row + 4;
     n->first = (const float *)pandis__section(f, "WIN ", 3 * row, sizeof(float));
     n->last = (const float *)pandis__section(f, "WOUT", (uint64_t)n->outputs * row, sizeof(float));
     n->biases = (const float *)pandis__section(f, "BIAS", biases, sizeof(float));
-    if (!pandis__finite(n->first, 3 * row) || !pandis__finite(n->last, (uint64_t)n->outputs * row)) return 0;
+    if (!pandis__finite(n->first, 3 * row) || !pandis__finite(n->last, (uint64_t)n->outputs * row))
+        return 0;
     if (!pandis__finite(n->biases, biases)) return 0;
     if (bits == 32) {
         n->hidden = (const float *)pandis__section(f, "WHID", rows * row, sizeof(float));
@@ -43,7 +50,8 @@ PANDIS__ONCE static int pandis__open_grid(pandis_field *f) {
         if (g->rule == PANDIS__TRICUBIC && (g->low[k] > -1 || g->high[k] < 1)) return 0;
         g->per_step[k] = (g->size - 1) / (g->high[k] - g->low[k]);
     }
-    uint64_t count = pandis__cube(g->size) * (uint64_t)g->channels, bits = pandis__cube(g->size - 1);
+    uint64_t count = pandis__cube(g->size) * (uint64_t)g->channels,
+             bits = pandis__cube(g->size - 1);
     g->covered = (const uint8_t *)pandis__section(f, "COVR", (bits + 7) / 8, 1);
     if (!g->covered) return 0;
     if (g->rule == PANDIS__TRICUBIC) return pandis__open_lattice(f, "NODE", g->size - 1, &g->cubic);
@@ -52,14 +60,17 @@ PANDIS__ONCE static int pandis__open_grid(pandis_field *f) {
 }
 
 PANDIS__ONCE static int pandis__open_layout(pandis_field *f, int level) {
-    static const char *const names[2][4] = {{"BBRK", "BMSK", "BBAS", "BCOF"}, {"FBRK", "FMSK", "FBAS", "FCOF"}};
+    static const char *const names[2][4] = {
+        {"BBRK", "BMSK", "BBAS", "BCOF"}, {"FBRK", "FMSK", "FBAS", "FCOF"}};
     pandis__spline *s = &f->as.spline;
     pandis__layout *l = s->layout + level;
     int32_t kept = pandis__whole(f, 4 + level), blocks = pandis__whole(f, 6 + level);
     l->size = pandis__whole(f, level), l->bricks = pandis__whole(f, 2 + level);
     l->low = pandis__real(f, level);
     if (l->size < 4 || l->size > 1024 || l->bricks < 1 || l->bricks != (l->size + 7) / 8) return 0;
-    if (kept < 0 || kept >= PANDIS__NO_BRICK || blocks < 0 || blocks > INT32_MAX / 8 || !(l->low <= -1 && l->low > -3)) return 0;
+    if (kept < 0 || kept >= PANDIS__NO_BRICK || blocks < 0 || blocks > INT32_MAX / 8 ||
+        !(l->low <= -1 && l->low > -3))
+        return 0;
     l->per_step = (l->size - 1) / (-2 * l->low);
     l->brick = (const uint16_t *)pandis__section(f, names[level][0], pandis__cube(l->bricks), 2);
     l->mask = (const uint64_t *)pandis__section(f, names[level][1], (uint64_t)kept, 8);
@@ -106,12 +117,14 @@ PANDIS__ONCE static int pandis__open_shape(pandis_field *f) {
     return s->shape >= 0 && s->shape <= PANDIS__CAPSULE;
 }
 
-/* Read the box around the surface, two measured margins and a height. A probe farther outside the box than the first
- * margin touches nothing, nor does one before it has moved by the distance less a margin: the second if the answer is
- * flagged as a bound, else the first. Where an answer in the box is flagged so and positive, no surface is nearer than
- * the height. Without the section, nothing is known. */
+/* Read the box around the surface, two measured margins and a height. A probe farther outside the
+ * box than the first margin touches nothing, nor does one before it has moved by the distance less
+ * a margin: the second if the answer is flagged as a bound, else the first. Where an answer in the
+ * box is flagged so and positive, no surface is nearer than the height. Without the section,
+ * nothing is known. */
 PANDIS__ONCE static int pandis__measure(pandis_field *f) {
-    const unsigned char *bounds = (const unsigned char *)pandis__section(f, "SAFE", 9, sizeof(double));
+    const unsigned char *bounds =
+        (const unsigned char *)pandis__section(f, "SAFE", 9, sizeof(double));
     for (int k = 0; k < 2; k++) {
         f->margin[k] = bounds ? pandis__f64(bounds + 48 + 8 * k) : (double)INFINITY;
         if (!(f->margin[k] >= 0)) return 0;
@@ -129,7 +142,8 @@ PANDIS__ONCE static int pandis__measure(pandis_field *f) {
 /* Read the region of each face, and the regions' names. */
 PANDIS__ONCE static int pandis__open_regions(pandis_field *f) {
     int mesh = f->kind == PANDIS_MESH;
-    uint64_t count = mesh ? (uint64_t)f->as.mesh.face_count : (uint64_t)f->as.compact.block_count * PANDIS__BLOCK;
+    uint64_t count = mesh ? (uint64_t)f->as.mesh.face_count
+                          : (uint64_t)f->as.compact.block_count * PANDIS__BLOCK;
     uint64_t bytes, names = 0;
     const unsigned char *text = pandis__find(f, "RNAM", &bytes);
     const uint8_t *regions = (const uint8_t *)pandis__section(f, "REGN", count, 1);
@@ -148,20 +162,25 @@ PANDIS__ONCE static pandis_error pandis__open(pandis_field *field, const void *d
     if (!p || size < 8 || memcmp(p, "PANDIS\r\n", 8)) return PANDIS_ERROR_FORMAT;
     if (size < PANDIS__HEADER) return PANDIS_ERROR_SIZE;
     if (pandis__u32(p + 8) != order || memcmp(p + 8, &order, 4)) return PANDIS_ERROR_ENDIAN;
-    if (pandis__u32(p + 12) < 1 || pandis__u32(p + 12) > PANDIS_FORMAT_VERSION) return PANDIS_ERROR_VERSION;
+    if (pandis__u32(p + 12) < 1 || pandis__u32(p + 12) > PANDIS_FORMAT_VERSION)
+        return PANDIS_ERROR_VERSION;
     if (pandis__u64(p + 16) != size) return PANDIS_ERROR_SIZE;
-    if (pandis__u32(p + 28) || pandis__u32(p + 24) != pandis__crc(p + 32, size - 32)) return PANDIS_ERROR_CHECKSUM;
+    if (pandis__u32(p + 28) || pandis__u32(p + 24) != pandis__crc(p + 32, size - 32))
+        return PANDIS_ERROR_CHECKSUM;
     if ((uintptr_t)p % 8) return PANDIS_ERROR_ALIGNMENT;
     if (!pandis__arithmetic()) return PANDIS_ERROR_ARITHMETIC;
     field->data = p, field->size = size;
     uint32_t sections = pandis__u32(p + 36);
-    if (sections > PANDIS__MOST_SECTIONS || PANDIS__HEADER + (size_t)sections * PANDIS__SECTION > size)
+    if (sections > PANDIS__MOST_SECTIONS ||
+        PANDIS__HEADER + (size_t)sections * PANDIS__SECTION > size)
         return PANDIS_ERROR_CONTENT;
     for (uint32_t i = 0; i < sections; i++) {
         const unsigned char *entry = p + PANDIS__HEADER + (size_t)i * PANDIS__SECTION;
         uint64_t start = pandis__u64(entry + 8), bytes = pandis__u64(entry + 16);
-        if (start % 8 || start > size || bytes > size - start || pandis__u32(entry + 4)) return PANDIS_ERROR_CONTENT;
-        if (bytes && start < PANDIS__HEADER + (size_t)sections * PANDIS__SECTION) return PANDIS_ERROR_CONTENT;
+        if (start % 8 || start > size || bytes > size - start || pandis__u32(entry + 4))
+            return PANDIS_ERROR_CONTENT;
+        if (bytes && start < PANDIS__HEADER + (size_t)sections * PANDIS__SECTION)
+            return PANDIS_ERROR_CONTENT;
     }
     for (int k = 0; k < 3; k++) field->centre[k] = pandis__f64(p + 40 + 8 * k);
     field->scale = pandis__f64(p + 64);
@@ -169,9 +188,12 @@ PANDIS__ONCE static pandis_error pandis__open(pandis_field *field, const void *d
     for (int k = 0; k < 3; k++)
         if (!(fabs(field->centre[k]) <= 1e150)) return PANDIS_ERROR_CONTENT;
     int good = 0, kind = (int)pandis__u32(p + 32);
-    if (kind == PANDIS_MESH && pandis__u32(p + 12) < 4) return PANDIS_ERROR_VERSION; /* their leaves are of another kind */
-    if (kind == PANDIS_NETWORK && pandis__whole(field, 0) <= 1024 && pandis__whole(field, 1) <= 16 &&
-        (pandis__whole(field, 0) > PANDIS_MOST_WIDTH || pandis__whole(field, 1) > PANDIS_MOST_DEPTH))
+    /* their leaves are of another kind */
+    if (kind == PANDIS_MESH && pandis__u32(p + 12) < 4) return PANDIS_ERROR_VERSION;
+    if (kind == PANDIS_NETWORK && pandis__whole(field, 0) <= 1024 &&
+        pandis__whole(field, 1) <= 16 &&
+        (pandis__whole(field, 0) > PANDIS_MOST_WIDTH ||
+            pandis__whole(field, 1) > PANDIS_MOST_DEPTH))
         return PANDIS_ERROR_LARGE;
     if (kind == PANDIS_NETWORK) good = pandis__open_network(field);
     if (kind == PANDIS_GRID) good = pandis__open_grid(field);
@@ -182,10 +204,13 @@ PANDIS__ONCE static pandis_error pandis__open(pandis_field *field, const void *d
     if (!good || !pandis__measure(field)) return PANDIS_ERROR_CONTENT;
     field->kind = kind;
     int meshes = kind == PANDIS_MESH || kind == PANDIS_COMPACT;
-    return meshes && pandis__has_section(field, "REGN") && !pandis__open_regions(field) ? PANDIS_ERROR_CONTENT : PANDIS_SUCCESS;
+    return meshes && pandis__has_section(field, "REGN") && !pandis__open_regions(field)
+        ? PANDIS_ERROR_CONTENT
+        : PANDIS_SUCCESS;
 }
 
-PANDIS__ONCE PANDIS_API pandis_error pandis_open(pandis_field *field, const void *data, size_t size) {
+PANDIS__ONCE PANDIS_API pandis_error pandis_open(
+    pandis_field *field, const void *data, size_t size) {
     pandis_error error = pandis__open(field, data, size);
     if (error) memset(field, 0, sizeof *field); /* a field that is not open is all zero */
     return error;
@@ -203,13 +228,16 @@ static FILE *pandis__open_path(const char *path) {
         static const uint32_t least[4] = {0, 0x80, 0x800, 0x10000};
         int more = *p >= 0xf0 ? 3 : *p >= 0xe0 ? 2 : *p >= 0xc0 ? 1 : 0, length = more;
         uint32_t code = more ? *p & (0x3fu >> more) : *p;
-        if ((*p >= 0x80 && *p < 0xc0) || *p >= 0xf8 || n + 3 > sizeof wide / sizeof *wide) return NULL;
+        if ((*p >= 0x80 && *p < 0xc0) || *p >= 0xf8 || n + 3 > sizeof wide / sizeof *wide)
+            return NULL;
         for (p++; more; more--, p++) {
             if ((*p & 0xc0) != 0x80) return NULL;
             code = code << 6 | (*p & 0x3fu);
         }
-        if (code < least[length] || code > 0x10ffffu || (code >= 0xd800u && code < 0xe000u)) return NULL;
-        if (code >= 0x10000u) wide[n++] = (wchar_t)(0xd7c0u + (code >> 10)), code = 0xdc00u + (code & 0x3ffu);
+        if (code < least[length] || code > 0x10ffffu || (code >= 0xd800u && code < 0xe000u))
+            return NULL;
+        if (code >= 0x10000u)
+            wide[n++] = (wchar_t)(0xd7c0u + (code >> 10)), code = 0xdc00u + (code & 0x3ffu);
         wide[n++] = (wchar_t)code;
     }
     wide[n] = 0;
@@ -246,7 +274,8 @@ PANDIS__ONCE PANDIS_API pandis_error pandis_open_file(pandis_field *field, const
         long size = ftell(file);
         void *data = size > 0 ? malloc((size_t)size) : NULL;
         rewind(file);
-        if (data && fread(data, 1, (size_t)size, file) == (size_t)size) error = pandis_open(field, data, (size_t)size);
+        if (data && fread(data, 1, (size_t)size, file) == (size_t)size)
+            error = pandis_open(field, data, (size_t)size);
         if (error) free(data);
         field->mapped = !error;
     }
@@ -270,31 +299,41 @@ PANDIS__ONCE PANDIS_API void pandis_close(pandis_field *field) {
 
 PANDIS__ONCE PANDIS_API const char *pandis_error_text(pandis_error error) {
     switch (error) {
-        case PANDIS_SUCCESS: return "no error";
-        case PANDIS_ERROR_FILE: return "the file cannot be read";
-        case PANDIS_ERROR_FORMAT: return "this is no .pandis file";
-        case PANDIS_ERROR_ENDIAN: return "the file's bytes are in another order than this machine's";
-        case PANDIS_ERROR_VERSION: return "the file is of another version: use the pandis.h that came with it";
-        case PANDIS_ERROR_SIZE: return "the file is shorter or longer than it says: copy it again";
-        case PANDIS_ERROR_CHECKSUM: return "the file is damaged: copy it again";
-        case PANDIS_ERROR_CONTENT: return "what the file says does not fit together, or no field of this kind can do that";
-        case PANDIS_ERROR_ALIGNMENT: return "the bytes must begin at an address that is a multiple of 8";
-        case PANDIS_ERROR_ARITHMETIC:
-            return "pandis.h was compiled with flags, or called in a rounding mode, that break its arithmetic: leave out "
-                   "-ffast-math and its parts";
-        case PANDIS_ERROR_LARGE:
-            return "the network is wider or deeper than pandis.h was compiled for: see PANDIS_MOST_WIDTH";
-        case PANDIS_ERROR_RADIUS: return "the probe is larger than the field knows free space around its surface: take a smaller radius";
-        case PANDIS_ERROR_KIND: return "a grid of forces knows no distance outside, so it has no contact";
-        case PANDIS_ERROR_VERTEX: return "a vertex is no finite number, or too far away";
-        case PANDIS_ERROR_POSE: return "an object has no field, or no rotation, scale, place or stiffness that can be";
-        case PANDIS_ERROR_OPTIONS:
-            return "an option of a contact is beyond its range (budget from 8 on, slide and radius from 0 on, a texture's steepest "
-                   "at most 15, sliding friction at most the sticking one, nothing negative)";
-        case PANDIS_ERROR_COUNT: return "an array is shorter or longer than this takes";
-        case PANDIS_ERROR_HEADER:
-            return "pandis.h is of another version, or packed otherwise, than what was compiled: compile both with one header";
-        default: return "unknown error";
+    case PANDIS_SUCCESS: return "no error";
+    case PANDIS_ERROR_FILE: return "the file cannot be read";
+    case PANDIS_ERROR_FORMAT: return "this is no .pandis file";
+    case PANDIS_ERROR_ENDIAN: return "the file's bytes are in another order than this machine's";
+    case PANDIS_ERROR_VERSION:
+        return "the file is of another version: use the pandis.h that came with it";
+    case PANDIS_ERROR_SIZE: return "the file is shorter or longer than it says: copy it again";
+    case PANDIS_ERROR_CHECKSUM: return "the file is damaged: copy it again";
+    case PANDIS_ERROR_CONTENT:
+        return "what the file says does not fit together, or no field of this kind can do that";
+    case PANDIS_ERROR_ALIGNMENT:
+        return "the bytes must begin at an address that is a multiple of 8";
+    case PANDIS_ERROR_ARITHMETIC:
+        return "pandis.h was compiled with flags, or called in a rounding mode, that break its "
+               "arithmetic: leave out -ffast-math and its parts";
+    case PANDIS_ERROR_LARGE:
+        return "the network is wider or deeper than pandis.h was compiled for: see "
+               "PANDIS_MOST_WIDTH";
+    case PANDIS_ERROR_RADIUS:
+        return "the probe is larger than the field knows free space around its surface: take a "
+               "smaller radius";
+    case PANDIS_ERROR_KIND:
+        return "a grid of forces knows no distance outside, so it has no contact";
+    case PANDIS_ERROR_VERTEX: return "a vertex is no finite number, or too far away";
+    case PANDIS_ERROR_POSE:
+        return "an object has no field, or no rotation, scale, place or stiffness that can be";
+    case PANDIS_ERROR_OPTIONS:
+        return "an option of a contact is beyond its range (budget from 8 on, slide and radius "
+               "from 0 on, a texture's steepest at most 15, sliding friction at most the sticking "
+               "one, nothing negative)";
+    case PANDIS_ERROR_COUNT: return "an array is shorter or longer than this takes";
+    case PANDIS_ERROR_HEADER:
+        return "pandis.h is of another version, or packed otherwise, than what was compiled: "
+               "compile both with one header";
+    default: return "unknown error";
     }
 }
 

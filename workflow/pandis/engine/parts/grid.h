@@ -1,4 +1,4 @@
-/* ---------------------------------------------------------------- grids */
+/* -------------------- grids */
 
 enum { PANDIS__NEAREST, PANDIS__TRILINEAR, PANDIS__NORMAL, PANDIS__GRADIENT, PANDIS__TRICUBIC };
 
@@ -9,7 +9,8 @@ static const float *pandis__at(const pandis__grid *g, const int *i) {
 static double pandis__mix(double a, double b, double t) { return a * (1 - t) + b * t; }
 
 /* Find the corner values around a point, x slowest, and its position in the cell. */
-static void pandis__corners(const pandis__grid *g, const double *p, const float **corner, double *t) {
+static void pandis__corners(
+    const pandis__grid *g, const double *p, const float **corner, double *t) {
     int first[3];
     for (int k = 0; k < 3; k++) {
         double x = (p[k] - g->low[k]) * g->per_step[k], cell = floor(x);
@@ -22,7 +23,8 @@ static void pandis__corners(const pandis__grid *g, const double *p, const float 
     }
 }
 
-static pandis_flag pandis__answer_grid(const pandis__grid *g, const double *u, double *distance, double *normal) {
+static pandis_flag pandis__answer_grid(
+    const pandis__grid *g, const double *u, double *distance, double *normal) {
     double p[3], t[3], value[4] = {0}, outside = pandis__clamp_to(g->low, g->high, u, p);
     const float *corner[8];
     int cell[3], force = g->rule == PANDIS__NEAREST || g->rule == PANDIS__TRILINEAR;
@@ -36,13 +38,17 @@ static pandis_flag pandis__answer_grid(const pandis__grid *g, const double *u, d
         pandis__corners(g, p, corner, t);
         for (int c = 0; c < g->channels; c++) {
             double line[4];
-            for (int e = 0; e < 4; e++) line[e] = pandis__mix((double)corner[e][c], (double)corner[e + 4][c], t[0]);
-            double low = pandis__mix(line[0], line[2], t[1]), high = pandis__mix(line[1], line[3], t[1]);
+            for (int e = 0; e < 4; e++)
+                line[e] = pandis__mix((double)corner[e][c], (double)corner[e + 4][c], t[0]);
+            double low = pandis__mix(line[0], line[2], t[1]),
+                   high = pandis__mix(line[1], line[3], t[1]);
             value[c + (force ? 1 : 0)] = pandis__mix(low, high, t[2]);
             if (g->rule != PANDIS__GRADIENT) continue;
             double rise[4];
             for (int e = 0; e < 4; e++) rise[e] = (double)corner[e + 4][c] - (double)corner[e][c];
-            value[1] = g->per_step[0] * pandis__mix(pandis__mix(rise[0], rise[2], t[1]), pandis__mix(rise[1], rise[3], t[1]), t[2]);
+            value[1] = g->per_step[0] *
+                pandis__mix(
+                    pandis__mix(rise[0], rise[2], t[1]), pandis__mix(rise[1], rise[3], t[1]), t[2]);
             value[2] = g->per_step[1] * pandis__mix(line[2] - line[0], line[3] - line[1], t[2]);
             value[3] = g->per_step[2] * pandis__mix(line[1] - line[0], line[3] - line[2], t[1]);
         }
@@ -59,4 +65,3 @@ static pandis_flag pandis__answer_grid(const pandis__grid *g, const double *u, d
     int covered = g->covered[bit >> 3] >> (7 - (bit & 7)) & 1;
     return covered && outside == 0 ? PANDIS_OK : PANDIS_BOUND;
 }
-

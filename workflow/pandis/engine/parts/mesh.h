@@ -1,8 +1,10 @@
-/* ---------------------------------------------------------------- closest points of a mesh */
+/* -------------------- closest points of a mesh */
 
-/* Input of a search (unit frame): how far to look, and a guess of the distance to the nearest face, which may be wrong.
- * Output: the closest point, its face in mesh.zarr.zip (-1: unknown), the place of that face in the field's own order
- * (-1: none), whether the point lies on a corner or an edge, and the direction of that edge (else 0). */
+/* Input of a search (unit frame): how far to look, and a guess of the distance to the nearest face,
+ * which may be wrong. Output: the closest point, its face in mesh.zarr.zip (-1: unknown), the place
+ * of that face in the field's own order
+ * (-1: none), whether the point lies on a corner or an edge, and the direction of that edge (else
+ * 0). */
 typedef struct {
     double reach, guess, closest[3];
     int32_t face, place, round;
@@ -14,14 +16,16 @@ typedef struct {
 
 typedef struct {
     double weights[3], offset[3], distance; /* offset: from the closest point to the query */
-    int corner, edge;                       /* where it lies: a corner, an edge (k to k + 1), or -1, -1 */
+    /* where it lies: a corner, an edge (k to k + 1), or -1, -1 */
+    int corner, edge;
 } pandis__foot;
 
 static const double *pandis__corner(const pandis__mesh *t, int32_t face, int k) {
     return t->vertices + 3 * (ptrdiff_t)t->faces[3 * (ptrdiff_t)face + k];
 }
 
-/* Compute the unit normal of a face from its two shortest edges, whose cross product is the most accurate. */
+/* Compute the unit normal of a face from its two shortest edges, whose cross product is the most
+ * accurate. */
 static int pandis__face_normal(const pandis__mesh *t, int32_t face, double *n) {
     double side[3][3], length[3];
     for (int k = 0; k < 3; k++) {
@@ -29,7 +33,8 @@ static int pandis__face_normal(const pandis__mesh *t, int32_t face, double *n) {
         for (int i = 0; i < 3; i++) side[k][i] = q[i] - p[i];
         length[k] = pandis__dot(side[k], side[k]);
     }
-    int longest = length[0] >= length[1] ? (length[0] >= length[2] ? 0 : 2) : (length[1] >= length[2] ? 1 : 2);
+    int longest = length[0] >= length[1] ? (length[0] >= length[2] ? 0 : 2)
+                                         : (length[1] >= length[2] ? 1 : 2);
     pandis__cross(side[(longest + 1) % 3], side[(longest + 2) % 3], n);
     return pandis__normalise(n);
 }
@@ -39,17 +44,20 @@ static double pandis__clamp01(double t) {
     return t < 1 ? t : 1;
 }
 
-static void pandis__edge_foot(const double *p, const double *a, const double *b, double *s, double *offset,
-                              double *squared) {
+static void pandis__edge_foot(
+    const double *p, const double *a, const double *b, double *s, double *offset, double *squared) {
     double u[3], x[3];
     for (int k = 0; k < 3; k++) u[k] = b[k] - a[k], x[k] = p[k] - a[k];
-    double length = pandis__dot(u, u), t = length > 0 ? pandis__clamp01(pandis__dot(u, x) / length) : 0;
+    double length = pandis__dot(u, u),
+           t = length > 0 ? pandis__clamp01(pandis__dot(u, x) / length) : 0;
     /* from the nearer end, for less cancellation */
-    for (int k = 0; k < 3; k++) offset[k] = t <= 0.5 ? x[k] - t * u[k] : (p[k] - b[k]) + (1 - t) * u[k];
+    for (int k = 0; k < 3; k++)
+        offset[k] = t <= 0.5 ? x[k] - t * u[k] : (p[k] - b[k]) + (1 - t) * u[k];
     *s = t, *squared = pandis__dot(offset, offset);
 }
 
-/* Find the closest point on a triangle's edges, and its corner or edge. Returns the squared distance. */
+/* Find the closest point on a triangle's edges, and its corner or edge. Returns the squared
+ * distance. */
 static double pandis__rim_foot(const double *const *c, const double *p, pandis__foot *foot) {
     double best = (double)INFINITY;
     memset(foot, 0, sizeof *foot);
@@ -67,14 +75,18 @@ static double pandis__rim_foot(const double *const *c, const double *p, pandis__
     return best;
 }
 
-/* Find the closest point inside the triangle; returns whether there is one no farther than `best` (squared). */
-static int pandis__inner_foot(const double *const *c, const double *p, double best, pandis__foot *foot) {
+/* Find the closest point inside the triangle; returns whether there is one no farther than `best`
+ * (squared). */
+static int pandis__inner_foot(
+    const double *const *c, const double *p, double best, pandis__foot *foot) {
     double u[3], v[3], x[3], n[3];
-    for (int k = 0; k < 3; k++) u[k] = c[1][k] - c[0][k], v[k] = c[2][k] - c[0][k], x[k] = p[k] - c[0][k];
+    for (int k = 0; k < 3; k++)
+        u[k] = c[1][k] - c[0][k], v[k] = c[2][k] - c[0][k], x[k] = p[k] - c[0][k];
     pandis__cross(u, v, n);
     double det = pandis__dot(n, n);
     if (!(det > 0)) return 0;
-    double uu = pandis__dot(u, u), uv = pandis__dot(u, v), vv = pandis__dot(v, v), s = 0, r = 0, rest[3];
+    double uu = pandis__dot(u, u), uv = pandis__dot(u, v), vv = pandis__dot(v, v), s = 0, r = 0,
+           rest[3];
     memcpy(rest, x, sizeof rest);
     for (int round = 0; round < 2; round++) { /* the second round refines the result on needles */
         double du = pandis__dot(u, rest), dv = pandis__dot(v, rest);
@@ -98,21 +110,24 @@ static void pandis__find_foot(const double *const *c, const double *p, pandis__f
 }
 
 /* Store the feature that contains the closest point. */
-static void pandis__keep_feature(const double *const *c, const pandis__foot *foot, pandis__start *begin) {
+static void pandis__keep_feature(
+    const double *const *c, const pandis__foot *foot, pandis__start *begin) {
     begin->round = foot->corner >= 0 || foot->edge >= 0;
     if (foot->edge < 0) return;
     for (int k = 0; k < 3; k++) begin->along[k] = c[(foot->edge + 1) % 3][k] - c[foot->edge][k];
     (void)pandis__normalise(begin->along);
 }
 
-static void pandis__find_mesh_foot(const pandis__mesh *t, int32_t face, const double *p, pandis__foot *foot) {
+static void pandis__find_mesh_foot(
+    const pandis__mesh *t, int32_t face, const double *p, pandis__foot *foot) {
     const double *c[3];
     for (int k = 0; k < 3; k++) c[k] = pandis__corner(t, face, k);
     pandis__find_foot(c, p, foot);
 }
 
 /* Add a face's normal to that of its k-th corner, weighted by its angle there. */
-static void pandis__corner_normal(const pandis__mesh *t, int32_t face, int k, const double *n, double *sum) {
+static void pandis__corner_normal(
+    const pandis__mesh *t, int32_t face, int k, const double *n, double *sum) {
     const double *p = pandis__corner(t, face, k), *q = pandis__corner(t, face, (k + 1) % 3);
     const double *s = pandis__corner(t, face, (k + 2) % 3);
     double u[3], v[3], c[3];
@@ -137,8 +152,10 @@ static void pandis__vertex_normal(const pandis__mesh *t, int32_t vertex, double 
     (void)pandis__normalise(n);
 }
 
-/* Compute the angle-weighted pseudonormal, of unit length, of the feature that contains the closest point. */
-static void pandis__pseudonormal(const pandis__mesh *t, int32_t face, const pandis__foot *foot, double *n) {
+/* Compute the angle-weighted pseudonormal, of unit length, of the feature that contains the closest
+ * point. */
+static void pandis__pseudonormal(
+    const pandis__mesh *t, int32_t face, const pandis__foot *foot, double *n) {
     if (foot->corner >= 0) {
         pandis__vertex_normal(t, t->faces[3 * (ptrdiff_t)face + foot->corner], n);
         if (pandis__dot(n, n) > 0) return;
@@ -153,12 +170,14 @@ static void pandis__pseudonormal(const pandis__mesh *t, int32_t face, const pand
     if (!known) n[0] = n[1] = 0, n[2] = 1;
 }
 
-/* Whether no coordinate of a point exceeds the largest of the vertices. Beyond, the point is outside: very far
- * away all triangles are equally near, and their normals do not determine the side. */
+/* Whether no coordinate of a point exceeds the largest of the vertices. Beyond, the point is
+ * outside: very far away all triangles are equally near, and their normals do not determine the
+ * side. */
 static int pandis__within(const pandis__mesh *t, const double *p) {
     return fabs(p[0]) <= t->reach && fabs(p[1]) <= t->reach && fabs(p[2]) <= t->reach;
 }
 
-static double pandis__sign(const pandis__mesh *t, const double *p, const pandis__foot *foot, const double *n) {
+static double pandis__sign(
+    const pandis__mesh *t, const double *p, const pandis__foot *foot, const double *n) {
     return pandis__within(t, p) && pandis__dot(foot->offset, n) < 0 ? -1 : 1;
 }

@@ -1,11 +1,12 @@
 
-/* ---------------------------------------------------------------- the nearest face of a mesh
+/* -------------------- the nearest face of a mesh
  *
- * Candidates for the nearest face are found in single precision, by leaves; double precision decides. */
+ * Candidates for the nearest face are found in single precision, by leaves; double precision
+ * decides. */
 
 /* The keys of a node's boxes: lower bounds of the squared distances to their contents. */
-PANDIS__INLINE void pandis__box_keys(const pandis__node *PANDIS__RESTRICT n, const float *PANDIS__RESTRICT p,
-                             int32_t *PANDIS__RESTRICT keys) {
+PANDIS__INLINE void pandis__box_keys(const pandis__node *PANDIS__RESTRICT n,
+    const float *PANDIS__RESTRICT p, int32_t *PANDIS__RESTRICT keys) {
     float out[PANDIS__WIDTH];
     for (int i = 0; i < PANDIS__WIDTH; i++) {
         float sum = 0;
@@ -18,7 +19,8 @@ PANDIS__INLINE void pandis__box_keys(const pandis__node *PANDIS__RESTRICT n, con
         out[i] = sum * 0.99999f; /* more than the rounding of all of the above */
     }
     memcpy(keys, out, sizeof out);
-    for (int i = 0; i < PANDIS__WIDTH; i++) keys[i] = n->low[0][i] > n->high[0][i] ? INT32_MAX : (keys[i] & ~7) | i;
+    for (int i = 0; i < PANDIS__WIDTH; i++)
+        keys[i] = n->low[0][i] > n->high[0][i] ? INT32_MAX : (keys[i] & ~7) | i;
 }
 
 /* The key of a search limit: boxes with larger keys are farther. */
@@ -29,10 +31,10 @@ static int32_t pandis__limit_key(double limit) {
 
 #define PANDIS__FOUR 4
 
-/* Compute the squared distances to four faces in double precision. Among faces that are about equally near, the smallest
- * of these numbers decides. */
-PANDIS__INLINE void pandis__four_squared(const pandis__mesh *t, const int32_t *faces, const double *PANDIS__RESTRICT p,
-                                 double *PANDIS__RESTRICT out) {
+/* Compute the squared distances to four faces in double precision. Among faces that are about
+ * equally near, the smallest of these numbers decides. */
+PANDIS__INLINE void pandis__four_squared(const pandis__mesh *t, const int32_t *faces,
+    const double *PANDIS__RESTRICT p, double *PANDIS__RESTRICT out) {
     double a[3][PANDIS__FOUR], b[3][PANDIS__FOUR], c[3][PANDIS__FOUR];
     for (int i = 0; i < PANDIS__FOUR; i++)
         for (int k = 0; k < 3; k++) {
@@ -45,12 +47,15 @@ PANDIS__INLINE void pandis__four_squared(const pandis__mesh *t, const int32_t *f
         double ux = b[0][i] - a[0][i], uy = b[1][i] - a[1][i], uz = b[2][i] - a[2][i];
         double vx = c[0][i] - a[0][i], vy = c[1][i] - a[1][i], vz = c[2][i] - a[2][i];
         double sx = c[0][i] - b[0][i], sy = c[1][i] - b[1][i], sz = c[2][i] - b[2][i];
-        double uu = ux * ux + uy * uy + uz * uz, vv = vx * vx + vy * vy + vz * vz, ss = sx * sx + sy * sy + sz * sz;
-        double uv = ux * vx + uy * vy + uz * vz, du = ux * x + uy * y + uz * z, dv = vx * x + vy * y + vz * z;
+        double uu = ux * ux + uy * uy + uz * uz, vv = vx * vx + vy * vy + vz * vz,
+               ss = sx * sx + sy * sy + sz * sz;
+        double uv = ux * vx + uy * vy + uz * vz, du = ux * x + uy * y + uz * z,
+               dv = vx * x + vy * y + vz * z;
         double wx = vx - ux, wy = vy - uy, wz = vz - uz, bx = x - ux, by = y - uy, bz = z - uz;
         double nx = uy * vz - uz * vy, ny = uz * vx - ux * vz, nz = ux * vy - uy * vx;
         double det = nx * nx + ny * ny + nz * nz;
-        /* an edge without length gives 0 / 0 = NaN, which counts as 0; with a face without area, the foot counts as outside */
+        /* an edge without length gives 0 / 0 = NaN, which counts as 0; with a face without area,
+         * the foot counts as outside */
         double s = pandis__clamp01(du * (1 / uu)), r = pandis__clamp01(dv * (1 / vv));
         double rx = x - s * ux, ry = y - s * uy, rz = z - s * uz;
         double best = rx * rx + ry * ry + rz * rz;
@@ -72,9 +77,10 @@ PANDIS__INLINE void pandis__four_squared(const pandis__mesh *t, const int32_t *f
 
 #define PANDIS__MAYBE 12 /* capacity of the queue of faces for double precision */
 
-/* State of a search for the nearest face: an upper bound of its distance; the nearest face computed in double precision,
- * and its squared distance; how many nodes, leaves and faces may still be visited; the key of the nearest box that was
- * not; and the waiting faces, with their squared distances in single precision. */
+/* State of a search for the nearest face: an upper bound of its distance; the nearest face computed
+ * in double precision, and its squared distance; how many nodes, leaves and faces may still be
+ * visited; the key of the nearest box that was not; and the waiting faces, with their squared
+ * distances in single precision. */
 typedef struct {
     double limit, squared;
     int32_t face, left, unseen;
@@ -99,12 +105,14 @@ PANDIS__INLINE void pandis__settle(const pandis__mesh *t, const double *p, pandi
     for (int i = 0; i < s->count;) {
         int some = 0;
         for (; i < s->count && some < PANDIS__FOUR; i++)
-            if (s->maybe[i].seems <= pandis__may_seem(s->limit, s->maybe[i].slack)) faces[some++] = s->maybe[i].face;
+            if (s->maybe[i].seems <= pandis__may_seem(s->limit, s->maybe[i].slack))
+                faces[some++] = s->maybe[i].face;
         if (!some) break;
         for (int k = some; k < PANDIS__FOUR; k++) faces[k] = faces[0];
         pandis__four_squared(t, faces, p, squared);
         for (int k = 0; k < some; k++) {
-            if (!(squared[k] < s->squared || (squared[k] == s->squared && faces[k] < s->face))) continue;
+            if (!(squared[k] < s->squared || (squared[k] == s->squared && faces[k] < s->face)))
+                continue;
             s->squared = squared[k], s->face = faces[k];
             double d = sqrt(squared[k]) * (1 + 1e-12);
             s->limit = d < s->limit ? d : s->limit;
@@ -113,14 +121,15 @@ PANDIS__INLINE void pandis__settle(const pandis__mesh *t, const double *p, pandi
     s->count = 0;
 }
 
-/* The 24 triangle vertices of a leaf of a mesh that moves, stored after the corners on each vertex. */
+/* The 24 triangle vertices of a leaf of a mesh that moves, stored after the corners on each vertex.
+ */
 static const int32_t *pandis__leaf_vertices(const pandis__mesh *t, ptrdiff_t leaf) {
     return t->corners_at + 3 * (ptrdiff_t)t->face_count + 3 * PANDIS__WIDTH * leaf;
 }
 
 /* The triangles of a leaf whose vertices have moved, relative to a point. */
-PANDIS__APART static void pandis__moved_triangles(const pandis__mesh *t, ptrdiff_t leaf, const double *p,
-                                                  float (*out)[3][PANDIS__WIDTH]) {
+PANDIS__APART static void pandis__moved_triangles(
+    const pandis__mesh *t, ptrdiff_t leaf, const double *p, float (*out)[3][PANDIS__WIDTH]) {
     const int32_t *vertex = pandis__leaf_vertices(t, leaf);
     for (int i = 0; i < PANDIS__WIDTH; i++)
         for (int c = 0; c < 3; c++) {
@@ -129,9 +138,11 @@ PANDIS__APART static void pandis__moved_triangles(const pandis__mesh *t, ptrdiff
         }
 }
 
-/* Compute squared distances to the triangles of a leaf in single precision, and their error bounds. Returns the smallest.
- * If single precision cannot represent the squares, they are zeros, and -1 is returned. */
-PANDIS__INLINE double pandis__seem(const pandis__mesh *t, const pandis__leaf *leaf, const double *p, double *seems, float *slack) {
+/* Compute squared distances to the triangles of a leaf in single precision, and their error bounds.
+ * Returns the smallest. If single precision cannot represent the squares, they are zeros, and -1 is
+ * returned. */
+PANDIS__INLINE double pandis__seem(
+    const pandis__mesh *t, const pandis__leaf *leaf, const double *p, double *seems, float *slack) {
     float v[3][3][PANDIS__WIDTH], q[3] = {0, 0, 0}, d[PANDIS__WIDTH] = {0};
     double step = t->around ? 1 : (double)leaf->step, per_step = 1 / step;
     int small = 1;
@@ -142,7 +153,8 @@ PANDIS__INLINE double pandis__seem(const pandis__mesh *t, const pandis__leaf *le
         for (int k = 0; k < 3; k++) small &= fabs(p[k]) + t->reach < 1e15;
     } else {
         for (int c = 0; c < 9; c++)
-            for (int i = 0; i < PANDIS__WIDTH; i++) v[c / 3][c % 3][i] = (float)(int32_t)leaf->corner[c / 3][c % 3][i];
+            for (int i = 0; i < PANDIS__WIDTH; i++)
+                v[c / 3][c % 3][i] = (float)(int32_t)leaf->corner[c / 3][c % 3][i];
         for (int k = 0; k < 3; k++) {
             double at = (p[k] - (double)leaf->origin[k]) * per_step;
             q[k] = (float)at, small &= fabs(at) < 1e15;
@@ -150,18 +162,21 @@ PANDIS__INLINE double pandis__seem(const pandis__mesh *t, const pandis__leaf *le
     }
     if (small) pandis__eight_distances(v, q, d);
     float least = d[0];
-    for (int i = 0; i < PANDIS__WIDTH; i++) least = d[i] < least ? d[i] : least, seems[i] = (double)d[i] * (step * step);
+    for (int i = 0; i < PANDIS__WIDTH; i++)
+        least = d[i] < least ? d[i] : least, seems[i] = (double)d[i] * (step * step);
     return small ? (double)least * (step * step) : -1;
 }
 
 /* Collect the triangles of a leaf that may be nearest. */
-PANDIS__INLINE void pandis__look_into(const pandis__mesh *t, const pandis__leaf *leaf, const double *p, pandis__seeking *s) {
+PANDIS__INLINE void pandis__look_into(
+    const pandis__mesh *t, const pandis__leaf *leaf, const double *p, pandis__seeking *s) {
     double seems[PANDIS__WIDTH], farthest;
     float slack[2];
     double least = pandis__seem(t, leaf, p, seems, slack);
     s->left--;
     if (least > (farthest = pandis__may_seem(s->limit, slack))) return;
-    double most = least >= 0 ? sqrt(least) * (1 + (double)slack[1]) + (double)slack[0] : (double)INFINITY;
+    double most =
+        least >= 0 ? sqrt(least) * (1 + (double)slack[1]) + (double)slack[0] : (double)INFINITY;
     if (most < s->limit) s->limit = most, farthest = pandis__may_seem(most, slack);
     for (int i = 0; i < PANDIS__WIDTH; i++) {
         if (seems[i] > farthest || leaf->face[i] < 0) continue;
@@ -173,7 +188,8 @@ PANDIS__INLINE void pandis__look_into(const pandis__mesh *t, const pandis__leaf 
 }
 
 /* Descend depth-first, the nearest box first; for most points this finds the nearest face early. */
-PANDIS__INLINE void pandis__seek_depth_body(const pandis__mesh *t, const double *p, pandis__seeking *s) {
+PANDIS__INLINE void pandis__seek_depth_body(
+    const pandis__mesh *t, const double *p, pandis__seeking *s) {
     struct {
         int32_t keys[PANDIS__WIDTH], node;
     } path[PANDIS__DEEPEST], *at = path;
@@ -183,7 +199,8 @@ PANDIS__INLINE void pandis__seek_depth_body(const pandis__mesh *t, const double 
     pandis__box_keys(t->nodes, q, at->keys);
     for (;;) {
         int32_t key = pandis__least(at->keys), child = t->nodes[at->node].child[key & 7];
-        if (s->left < 0 && key < s->unseen) s->unseen = key; /* budget spent: the rest is at least this far away */
+        /* budget spent: the rest is at least this far away */
+        if (s->left < 0 && key < s->unseen) s->unseen = key;
         if (key > within || s->left < 0) {
             if (at == path) return;
             at--;
@@ -201,10 +218,12 @@ PANDIS__INLINE void pandis__seek_depth_body(const pandis__mesh *t, const double 
     }
 }
 
-PANDIS__COMPILE(pandis__seek_depth, (const pandis__mesh *t, const double *p, pandis__seeking *s), (t, p, s))
+PANDIS__COMPILE(
+    pandis__seek_depth, (const pandis__mesh *t, const double *p, pandis__seeking *s), (t, p, s))
 
 /* Search best-first, so that little is missed when the budget is spent. */
-PANDIS__INLINE void pandis__seek_best_body(const pandis__mesh *t, const double *p, pandis__seeking *s) {
+PANDIS__INLINE void pandis__seek_best_body(
+    const pandis__mesh *t, const double *p, pandis__seeking *s) {
     pandis__waiting heap[PANDIS__HEAP];
     float q[3] = {(float)p[0], (float)p[1], (float)p[2]};
     int count = 1;
@@ -225,34 +244,38 @@ PANDIS__INLINE void pandis__seek_best_body(const pandis__mesh *t, const double *
         pandis__box_keys(t->nodes + e.child, q, keys);
         for (int i = 0; i < PANDIS__WIDTH; i++) {
             int32_t out;
-            if (keys[i] <= within && pandis__wait_or_drop(heap, &count, keys[i], t->nodes[e.child].child[i], &out))
+            if (keys[i] <= within &&
+                pandis__wait_or_drop(heap, &count, keys[i], t->nodes[e.child].child[i], &out))
                 s->unseen = out < s->unseen ? out : s->unseen;
         }
     }
 }
 
-PANDIS__COMPILE(pandis__seek_best, (const pandis__mesh *t, const double *p, pandis__seeking *s), (t, p, s))
+PANDIS__COMPILE(
+    pandis__seek_best, (const pandis__mesh *t, const double *p, pandis__seeking *s), (t, p, s))
 
-/* Find the nearest face within `limit`, by its distance in double precision; INT32_MAX if there is none. `clear`: if the
- * search was cut short, the least distance of all other faces; else infinite. */
-static int32_t pandis__nearest(const pandis__mesh *t, const double *p, double limit, double *clear) {
+/* Find the nearest face within `limit`, by its distance in double precision; INT32_MAX if there is
+ * none. `clear`: if the search was cut short, the least distance of all other faces; else infinite.
+ */
+static int32_t pandis__nearest(
+    const pandis__mesh *t, const double *p, double limit, double *clear) {
     pandis__seeking s;
     int32_t soon = pandis__soon(t->most);
     int kept = 0;
-    s.limit = limit, s.squared = limit * limit, s.face = INT32_MAX, s.count = 0, s.left = soon, s.unseen = INT32_MAX;
+    s.limit = limit, s.squared = limit * limit, s.face = INT32_MAX, s.count = 0, s.left = soon,
+    s.unseen = INT32_MAX;
     pandis__seek_depth(t, p, &s);
     if (s.unseen <= pandis__limit_key(s.limit) && soon < t->most) {
         s.left = t->most - soon, s.unseen = INT32_MAX;
         pandis__seek_best(t, p, &s);
     }
     for (int i = 0; i < s.count; i++)
-        if (s.maybe[i].seems <= pandis__may_seem(s.limit, s.maybe[i].slack)) s.maybe[kept++] = s.maybe[i];
+        if (s.maybe[i].seems <= pandis__may_seem(s.limit, s.maybe[i].slack))
+            s.maybe[kept++] = s.maybe[i];
     s.count = kept;
     /* the only candidate is certainly nearer than the limit */
-    if (kept == 1 && s.face == INT32_MAX && s.limit < limit)
-        s.face = s.maybe[0].face;
-    else
-        pandis__settle(t, p, &s);
+    if (kept == 1 && s.face == INT32_MAX && s.limit < limit) s.face = s.maybe[0].face;
+    else pandis__settle(t, p, &s);
     *clear = (double)INFINITY;
     if (s.unseen > pandis__limit_key(s.limit)) return s.face;
     float squared;
@@ -262,8 +285,10 @@ static int32_t pandis__nearest(const pandis__mesh *t, const double *p, double li
     return s.face;
 }
 
-/* Bit mask of a node's boxes that a segment from a point meets beyond the share `from` of its length. */
-static int pandis__nodes_between(const pandis__node *node, const double *p, const double *way, double from) {
+/* Bit mask of a node's boxes that a segment from a point meets beyond the share `from` of its
+ * length. */
+static int pandis__nodes_between(
+    const pandis__node *node, const double *p, const double *way, double from) {
     int met = 0;
     for (int i = 0; i < PANDIS__WIDTH; i++) {
         double enter = from, leave = 1;
@@ -278,10 +303,10 @@ static int pandis__nodes_between(const pandis__node *node, const double *p, cons
     return met;
 }
 
-/* Find the side of a point (-1: inside) from the first face on the segment to a target, which is free up to the share
- * `from`. If the segment meets too many faces, the target's face decides. */
-PANDIS__APART static double pandis__first_sign(const pandis__mesh *t, const double *p, const double *target,
-                                               const double *n, double from) {
+/* Find the side of a point (-1: inside) from the first face on the segment to a target, which is
+ * free up to the share `from`. If the segment meets too many faces, the target's face decides. */
+PANDIS__APART static double pandis__first_sign(
+    const pandis__mesh *t, const double *p, const double *target, const double *n, double from) {
     int32_t stack[PANDIS__STACK], left = t->most;
     double way[3], nearest = 1;
     int top = 1;
@@ -309,21 +334,24 @@ PANDIS__APART static double pandis__first_sign(const pandis__mesh *t, const doub
     return sign;
 }
 
-/* Find the sign of a point after a search that was cut short: other faces may be nearer, but not nearer than `clear`. */
-static double pandis__cut_sign(const pandis__mesh *t, const double *p, int32_t face, const pandis__foot *foot,
-                               double clear) {
+/* Find the sign of a point after a search that was cut short: other faces may be nearer, but not
+ * nearer than `clear`. */
+static double pandis__cut_sign(
+    const pandis__mesh *t, const double *p, int32_t face, const pandis__foot *foot, double clear) {
     double target[3], n[3]; /* next to the foot, within the face */
     if (!(foot->distance > 0) || !pandis__face_normal(t, face, n)) return 1;
     for (int k = 0; k < 3; k++) {
-        double middle = (pandis__corner(t, face, 0)[k] + pandis__corner(t, face, 1)[k] + pandis__corner(t, face, 2)[k]) / 3;
+        double middle = (pandis__corner(t, face, 0)[k] + pandis__corner(t, face, 1)[k] +
+                            pandis__corner(t, face, 2)[k]) /
+            3;
         double at = p[k] - foot->offset[k];
         target[k] = at + 1e-3 * (middle - at);
     }
     return pandis__first_sign(t, p, target, n, 0.999 * clear / foot->distance);
 }
 
-PANDIS__APART static pandis_flag pandis__answer_mesh(const pandis__mesh *t, const double *u, pandis__start *begin,
-                                             double *distance, double *normal, double *clear) {
+PANDIS__APART static pandis_flag pandis__answer_mesh(const pandis__mesh *t, const double *u,
+    pandis__start *begin, double *distance, double *normal, double *clear) {
     pandis__foot foot;
     double limit = begin->guess * (1 + 1e-9) + 1e-12 * t->reach; /* with a margin for rounding */
     /* a reach, with a margin for the errors of leaves on slivers */
@@ -336,11 +364,13 @@ PANDIS__APART static pandis_flag pandis__answer_mesh(const pandis__mesh *t, cons
         return PANDIS_BEYOND;
     }
     /* if cut short, a search with a limit may end elsewhere: repeat it without one */
-    if ((face == INT32_MAX || cut) && limit < (double)INFINITY) face = pandis__nearest(t, u, (double)INFINITY, clear);
+    if ((face == INT32_MAX || cut) && limit < (double)INFINITY)
+        face = pandis__nearest(t, u, (double)INFINITY, clear);
     if (face == INT32_MAX) return PANDIS_INVALID;
     double n[3], sign;
     cut = *clear < (double)INFINITY;
-    const double *corner[3] = {pandis__corner(t, face, 0), pandis__corner(t, face, 1), pandis__corner(t, face, 2)};
+    const double *corner[3] = {
+        pandis__corner(t, face, 0), pandis__corner(t, face, 1), pandis__corner(t, face, 2)};
     pandis__find_mesh_foot(t, face, u, &foot);
     pandis__keep_feature(corner, &foot, begin);
     for (int k = 0; k < 3; k++) begin->closest[k] = u[k] - foot.offset[k];
@@ -351,6 +381,9 @@ PANDIS__APART static pandis_flag pandis__answer_mesh(const pandis__mesh *t, cons
     *distance = sign * foot.distance;
     *clear = *clear < foot.distance ? *clear : foot.distance;
     /* closer than this, the quotient loses too many digits */
-    for (int k = 0; k < 3; k++) normal[k] = foot.distance > 1e-9 ? sign * (foot.offset[k] / foot.distance) : n[k];
-    return !(fabs(u[0]) <= 1 && fabs(u[1]) <= 1 && fabs(u[2]) <= 1) ? PANDIS_BOUND : cut ? PANDIS_CUT : PANDIS_OK;
+    for (int k = 0; k < 3; k++)
+        normal[k] = foot.distance > 1e-9 ? sign * (foot.offset[k] / foot.distance) : n[k];
+    return !(fabs(u[0]) <= 1 && fabs(u[1]) <= 1 && fabs(u[2]) <= 1) ? PANDIS_BOUND
+        : cut                                                       ? PANDIS_CUT
+                                                                    : PANDIS_OK;
 }

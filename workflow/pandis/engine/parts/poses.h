@@ -1,5 +1,5 @@
 
-/* ---------------------------------------------------------------- poses that another thread hands over */
+/* -------------------- poses that another thread hands over */
 
 #if defined(__GNUC__) || defined(_MSC_VER)
 #define PANDIS__HALF_TURN 3.1415926535897932
@@ -32,8 +32,8 @@ static void pandis__turn_by(const double *p, const double *q, double *both) {
     both[3] = p[0] * q[3] + p[1] * q[2] - p[2] * q[1] + p[3] * q[0];
 }
 
-/* Compute the rotation by a spin in `dt` seconds, at most half a turn, from a series for a sixteenth of it: the sines of
- * libraries differ in their last bits. */
+/* Compute the rotation by a spin in `dt` seconds, at most half a turn, from a series for a
+ * sixteenth of it: the sines of libraries differ in their last bits. */
 static void pandis__spun(const double *spin, double dt, double *q) {
     double half[3], whole[4];
     for (int k = 0; k < 3; k++) half[k] = spin[k] * dt / 32;
@@ -51,21 +51,24 @@ static void pandis__spun(const double *spin, double dt, double *q) {
 static void pandis__turned(const double *q, double *r) {
     double w = q[0], x = q[1], y = q[2], z = q[3];
     const double made[9] = {1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y),
-                            2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x),
-                            2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)};
+        2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x), 2 * (x * z - w * y),
+        2 * (y * z + w * x), 1 - 2 * (x * x + y * y)};
     memcpy(r, made, sizeof made);
 }
 
 /* The current path of an object: quaternion and translation at both ends. */
-static double *pandis__way_of(const pandis__poses *poses, size_t object) { return poses->ways + 14 * object; }
+static double *pandis__way_of(const pandis__poses *poses, size_t object) {
+    return poses->ways + 14 * object;
+}
 
-PANDIS__ONCE PANDIS_API pandis_error pandis_poses_open(pandis_poses *handle, pandis_object *objects, size_t count, double *room,
-                                          size_t room_length) {
+PANDIS__ONCE PANDIS_API pandis_error pandis_poses_open(
+    pandis_poses *handle, pandis_object *objects, size_t count, double *room, size_t room_length) {
     pandis__poses *poses = pandis__poses_of(handle);
     memset(poses, 0, sizeof *poses);
     if (room_length < PANDIS_POSES_ROOM(count)) return PANDIS_ERROR_COUNT;
     poses->objects = objects, poses->count = count;
-    poses->frames = (pandis_pose *)(void *)room, poses->ways = room + 3 * count * (sizeof(pandis_pose) / sizeof *room);
+    poses->frames = (pandis_pose *)(void *)room,
+    poses->ways = room + 3 * count * (sizeof(pandis_pose) / sizeof *room);
     poses->asking = 1;
     poses->waiting = 2;
     for (size_t i = 0; i < count; i++) {
@@ -85,7 +88,8 @@ PANDIS__ONCE PANDIS_API pandis_error pandis_poses_open(pandis_poses *handle, pan
     return PANDIS_SUCCESS;
 }
 
-PANDIS_API pandis_error pandis_poses_give(pandis_poses *handle, const pandis_pose *frame, size_t count, double period) {
+PANDIS_API pandis_error pandis_poses_give(
+    pandis_poses *handle, const pandis_pose *frame, size_t count, double period) {
     pandis__poses *poses = pandis__poses_of(handle);
     if (count != poses->count) return PANDIS_ERROR_COUNT;
     if (!(period > 0 && period <= 1e6)) return PANDIS_ERROR_POSE;
@@ -93,7 +97,8 @@ PANDIS_API pandis_error pandis_poses_give(pandis_poses *handle, const pandis_pos
         const pandis_pose *pose = frame + i;
         double fast = pandis__dot(pose->velocity, pose->velocity);
         double turns = sqrt(pandis__dot(pose->spin, pose->spin)) * period;
-        if (!pandis__places(pose->rotation, pose->translation) || !(fast <= 1e100)) return PANDIS_ERROR_POSE;
+        if (!pandis__places(pose->rotation, pose->translation) || !(fast <= 1e100))
+            return PANDIS_ERROR_POSE;
         if (!(turns <= PANDIS__HALF_TURN)) return PANDIS_ERROR_POSE;
     }
     memcpy(poses->frames + (size_t)poses->writing * count, frame, count * sizeof *frame);
@@ -102,24 +107,28 @@ PANDIS_API pandis_error pandis_poses_give(pandis_poses *handle, const pandis_pos
     return PANDIS_SUCCESS;
 }
 
-/* Begin a path from an object's current pose to the one that its velocity predicts for the next frame. */
+/* Begin a path from an object's current pose to the one that its velocity predicts for the next
+ * frame. */
 static void pandis__set_out(const pandis__poses *poses, size_t object) {
     const pandis_pose *pose = poses->frames + (size_t)poses->asking * poses->count + object;
     double *from = pandis__way_of(poses, object), *to = from + 7, given[4], spun[4];
     double share = poses->period > 0 ? poses->gone / poses->period : 1, same = 0;
     for (int k = 0; k < 7; k++) from[k] = share < 1 ? from[k] + share * (to[k] - from[k]) : to[k];
-    if (share < 1) pandis__unit_turn(from); /* after arrival the pose stays the same, to the last bit */
+    /* after arrival the pose stays the same, to the last bit */
+    if (share < 1) pandis__unit_turn(from);
     pandis__turn(pose->rotation, given);
     pandis__spun(pose->spin, poses->periods[poses->asking], spun);
     pandis__turn_by(spun, given, to);
     pandis__unit_turn(to);
     for (int k = 0; k < 4; k++) same += from[k] * to[k];
     for (int k = 0; k < 4 && same < 0; k++) to[k] = -to[k]; /* the shorter way round */
-    for (int k = 0; k < 3; k++) to[4 + k] = pose->translation[k] + poses->periods[poses->asking] * pose->velocity[k];
+    for (int k = 0; k < 3; k++)
+        to[4 + k] = pose->translation[k] + poses->periods[poses->asking] * pose->velocity[k];
 }
 
 static int pandis__poses_go(pandis__poses *poses, pandis_scene *scene, double dt) {
-    int is_new = (pandis__peek(&poses->waiting) & PANDIS__NEW) != 0; /* only this thread clears the flag */
+    /* only this thread clears the flag */
+    int is_new = (pandis__peek(&poses->waiting) & PANDIS__NEW) != 0;
     if (is_new) {
         poses->asking = pandis__exchange(&poses->waiting, poses->asking) & 3;
         for (size_t i = 0; i < poses->count; i++) pandis__set_out(poses, i);

@@ -1,15 +1,19 @@
-/* ---------------------------------------------------------------- a proxy, and the known surface near it
+/* -------------------- a proxy, and the known surface near it
  *
- * Everything is in the object's unit frame. The proxy is a point; a probe of radius r offsets the surface by r. The known
- * free space is a ball around a point a little above the proxy, as large as the distance there. The proxy goes from ball
- * to ball. Each overlaps the one before, so no surface is on its path. The surface is represented by planes, each through
- * the foot of a point that was looked at. */
+ * Everything is in the object's unit frame. The proxy is a point; a probe of radius r offsets the
+ * surface by r. The known free space is a ball around a point a little above the proxy, as large as
+ * the distance there. The proxy goes from ball to ball. Each overlaps the one before, so no surface
+ * is on its path. The surface is represented by planes, each through the foot of a point that was
+ * looked at. */
 
-#define PANDIS__HOVER 0.004       /* height from which the surface is looked at */
-#define PANDIS__FARTHEST 2       /* largest distance from which a place is looked at, in lifts */
-#define PANDIS__STALE 4          /* distance of the foot from which a plane is forgotten, in lifts */
-#define PANDIS__ALIKE 0.99       /* cosine of the angle below which two planes count as nearly equal */
-#define PANDIS__BEHIND 1e-8      /* a surface no farther behind a plane than this counts as in front of it */
+#define PANDIS__HOVER 0.004 /* height from which the surface is looked at */
+#define PANDIS__FARTHEST 2  /* largest distance from which a place is looked at, in lifts */
+/* distance of the foot from which a plane is forgotten, in lifts */
+#define PANDIS__STALE 4
+/* cosine of the angle below which two planes count as nearly equal */
+#define PANDIS__ALIKE 0.99
+/* a surface no farther behind a plane than this counts as in front of it */
+#define PANDIS__BEHIND 1e-8
 #define PANDIS__TRUSTED 0.8      /* free share of an approximate distance to the felt surface */
 #define PANDIS__LEAST_SHARE 0.25 /* likewise, of a distance that is flagged as a bound */
 #define PANDIS__GUESSED 0.05     /* assumed excess of a distance if the file does not state it */
@@ -20,19 +24,20 @@ enum { PANDIS__BEGINS, PANDIS__CLEAR, PANDIS__TOUCHES };
 typedef struct {
     pandis__contact *state;
     const pandis_field *field;
-    double radius;            /* offset of the walls from the surface; less where the probe began nearer */
-    double tolerance;         /* for comparing planes */
-    double blur;              /* a surface this near, or this little behind a plane, is ignored */
-    int exact;                /* the field's distances are exact, not approximate */
-    int flat;                 /* and that surface is the one felt */
+    /* offset of the walls from the surface; less where the probe began nearer */
+    double radius;
+    double tolerance; /* for comparing planes */
+    double blur;      /* a surface this near, or this little behind a plane, is ignored */
+    int exact;        /* the field's distances are exact, not approximate */
+    int flat;         /* and that surface is the one felt */
     int queries, count;
     pandis_flag flag;
     pandis__plane plane[PANDIS__PLANES];
     double *x, *ball;
 } pandis__proxy;
 
-/* Result of a look at a point: distance, radius of the free ball around it and of the one that can be entered without a
- * look, foot and normal of the surface. */
+/* Result of a look at a point: distance, radius of the free ball around it and of the one that can
+ * be entered without a look, foot and normal of the surface. */
 typedef struct {
     double at[3], distance, free, sure, normal[3], foot[3];
     int32_t face, region;
@@ -42,10 +47,11 @@ static int pandis__knows_distance(const pandis_field *f) {
     return f->kind && !(f->kind == PANDIS_GRID && f->as.grid.rule <= PANDIS__TRILINEAR);
 }
 
-/* Apply a texture to the result of a look. The distance becomes that to the tangent plane of the raised surface below the
- * point, the normal becomes that of this plane, and the free radius shrinks. */
-static void pandis__roughen(const pandis__proxy *p, const double *at, pandis_answer *answer, double *distance,
-                            double *free, double *sure) {
+/* Apply a texture to the result of a look. The distance becomes that to the tangent plane of the
+ * raised surface below the point, the normal becomes that of this plane, and the free radius
+ * shrinks. */
+static void pandis__roughen(const pandis__proxy *p, const double *at, pandis_answer *answer,
+    double *distance, double *free, double *sure) {
     const pandis_texture *t = p->state->options.texture;
     const pandis_field *f = p->field;
     double foot[3], slope[3], *n = answer->normal;
@@ -57,13 +63,17 @@ static void pandis__roughen(const pandis__proxy *p, const double *at, pandis_ans
     if (!(steep <= 1e6)) slope[0] = slope[1] = slope[2] = steep = 0;
     for (int k = 0; k < 3; k++) n[k] = (n[k] - slope[k]) / sqrt(1 + steep);
     *distance = (*distance - raised) / sqrt(1 + steep);
-    /* the raised surface lies below a cone over the foot with twice the slope: feet move up to twice as far as points */
-    *free = fmin(*free, (*free - raised) / sqrt(1 + 4 * t->steepest * t->steepest)), *sure -= t->most * f->scale;
+    /* the raised surface lies below a cone over the foot with twice the slope: feet move up to
+     * twice as far as points */
+    *free = fmin(*free, (*free - raised) / sqrt(1 + 4 * t->steepest * t->steepest)),
+    *sure -= t->most * f->scale;
 }
 
-/* Lower bound of the distance to a network's surface from a place beyond its box. The surface is inside the box. Its
- * distance from the nearest point of the box is at least a share of the network's distance there. */
-PANDIS__ONCE static double pandis__free_beyond(const pandis__proxy *p, const double *at, double distance) {
+/* Lower bound of the distance to a network's surface from a place beyond its box. The surface is
+ * inside the box. Its distance from the nearest point of the box is at least a share of the
+ * network's distance there. */
+PANDIS__ONCE static double pandis__free_beyond(
+    const pandis__proxy *p, const double *at, double distance) {
     double way = 0;
     for (int k = 0; k < 3; k++) {
         double over = fmax(0, fabs(at[k]) - 1);
@@ -88,17 +98,21 @@ static int pandis__look_at(pandis__proxy *p, const double *at, pandis__look *loo
     if (p->exact) {
         sure = free = fmin(distance, answer.clear * f->scale);
     } else if (answer.flag == PANDIS_OK) {
-        sure = distance - f->margin[0], free = fmax(PANDIS__TRUSTED * (distance - p->radius) + p->radius, sure);
+        sure = distance - f->margin[0],
+        free = fmax(PANDIS__TRUSTED * (distance - p->radius) + p->radius, sure);
     } else {
         /* the margin applies in the box; beyond it only the surface's bounds are known */
         int inside = fabs(at[0]) <= 1 && fabs(at[1]) <= 1 && fabs(at[2]) <= 1;
         double guessed = f->margin[1] < 1e300 ? f->margin[1] : PANDIS__GUESSED;
         double away = f->margin[0] < 1e300 ? pandis__clearance(f, at) : -1;
         /* also a lower bound: a spline covers the space up to this distance from the surface */
-        double least = f->kind == PANDIS_SPLINE && distance > 0 ? f->as.spline.outside : PANDIS__LEAST_SHARE * distance;
-        sure = inside ? fmax(away, distance - guessed) : away, free = fmin(distance, fmax(least, sure));
+        double least = f->kind == PANDIS_SPLINE && distance > 0 ? f->as.spline.outside
+                                                                : PANDIS__LEAST_SHARE * distance;
+        sure = inside ? fmax(away, distance - guessed) : away,
+        free = fmin(distance, fmax(least, sure));
         if (inside && distance > 0) free = fmax(free, f->height);
-        if (!inside && f->kind == PANDIS_NETWORK) free = fmax(free, pandis__free_beyond(p, at, distance));
+        if (!inside && f->kind == PANDIS_NETWORK)
+            free = fmax(free, pandis__free_beyond(p, at, distance));
     }
     look->face = answer.face, look->region = answer.region;
     if (p->state->options.texture) pandis__roughen(p, at, &answer, &distance, &free, &sure);
@@ -116,34 +130,42 @@ static void pandis__drop(pandis__proxy *p, int index) {
     p->count--;
 }
 
-/* Forget planes that the last look shows not to be the surface here: those from which the surface bends away (the new
- * foot is behind them or, where the planes meet, not in front of them; from inside, this may hold in any corner), those
- * that pass through a free place, and those seen from too far away. */
-static void pandis__forget(pandis__proxy *p, const pandis__plane *seen, int inside, const double *place, double height) {
+/* Forget planes that the last look shows not to be the surface here: those from which the surface
+ * bends away (the new foot is behind them or, where the planes meet, not in front of them; from
+ * inside, this may hold in any corner), those that pass through a free place, and those seen from
+ * too far away. */
+static void pandis__forget(
+    pandis__proxy *p, const pandis__plane *seen, int inside, const double *place, double height) {
     double stale = PANDIS__STALE * PANDIS__HOVER;
     for (int i = p->count - 1; i >= 0; i--) {
         const pandis__plane *old = p->plane + i;
         double off[3], between[3], cross[3];
-        for (int k = 0; k < 3; k++) off[k] = old->foot[k] - place[k], between[k] = seen->foot[k] - old->foot[k];
+        for (int k = 0; k < 3; k++)
+            off[k] = old->foot[k] - place[k], between[k] = seen->foot[k] - old->foot[k];
         pandis__cross(old->normal, seen->normal, cross);
         double angle = sqrt(pandis__dot(cross, cross)), apart = sqrt(pandis__dot(between, between));
         int same = angle < fmax(1e-7, p->tolerance) && pandis__dot(old->normal, seen->normal) > 0;
         double ahead = pandis__dot(old->normal, between);
         int bent = angle < 0.1 ? ahead <= 1e-3 * angle * apart : ahead < -p->blur;
         int open = height > p->tolerance && pandis__height(old, place) < height / 2;
-        if (same || (bent && !inside) || open || pandis__dot(off, off) > stale * stale) pandis__drop(p, i);
+        if (same || (bent && !inside) || open || pandis__dot(off, off) > stale * stale)
+            pandis__drop(p, i);
     }
 }
 
-/* Add the plane of a look as the last one. The proxy would be at `place`, at least `height` above the surface. */
-static void pandis__learn(pandis__proxy *p, const pandis__look *look, const double *place, double height) {
+/* Add the plane of a look as the last one. The proxy would be at `place`, at least `height` above
+ * the surface. */
+static void pandis__learn(
+    pandis__proxy *p, const pandis__look *look, const double *place, double height) {
     pandis__plane seen;
     memcpy(seen.normal, look->normal, sizeof seen.normal);
     memcpy(seen.foot, look->foot, sizeof seen.foot);
     seen.offset = pandis__dot(seen.normal, seen.foot);
-    for (int i = p->count - 1; i >= 0; i--) { /* of two that face each other without a gap, the nearer is a fold */
+    /* of two that face each other without a gap, the nearer is a fold */
+    for (int i = p->count - 1; i >= 0; i--) {
         double gap = pandis__height(p->plane + i, seen.foot);
-        if (pandis__dot(p->plane[i].normal, seen.normal) > -PANDIS__ALIKE || fabs(gap) > p->blur) continue;
+        if (pandis__dot(p->plane[i].normal, seen.normal) > -PANDIS__ALIKE || fabs(gap) > p->blur)
+            continue;
         if (fabs(look->distance) < p->blur) return;
         pandis__drop(p, i);
     }
@@ -151,7 +173,8 @@ static void pandis__learn(pandis__proxy *p, const pandis__look *look, const doub
     if (p->count == PANDIS__PLANES) pandis__drop(p, 0);
     p->plane[p->count++] = seen;
     p->state->face = look->face;
-    if (p->field->regions || !p->state->options.regions) p->state->region = look->region; /* else it is queried once a step */
+    /* else it is queried once a step */
+    if (p->field->regions || !p->state->options.regions) p->state->region = look->region;
 }
 
 static double pandis__between(const double *a, const double *b) {
@@ -159,10 +182,12 @@ static double pandis__between(const double *a, const double *b) {
     return sqrt(pandis__dot(off, off));
 }
 
-/* Find the point from which to look whether the proxy can be at a place: the nearest one that is `lift` above all planes, and
- * twice that above planes unlike `nearest`, if it is not NULL. Where planes meet at a sharp angle or face each other, no
- * such point is near: there the lift is reduced. */
-static void pandis__lifted(const pandis__proxy *p, const double *place, const double *nearest, double lift, double *at) {
+/* Find the point from which to look whether the proxy can be at a place: the nearest one that is
+ * `lift` above all planes, and twice that above planes unlike `nearest`, if it is not NULL. Where
+ * planes meet at a sharp angle or face each other, no such point is near: there the lift is
+ * reduced. */
+static void pandis__lifted(
+    const pandis__proxy *p, const double *place, const double *nearest, double lift, double *at) {
     pandis__plane raised[PANDIS__PLANES];
     double height = lift;
     memcpy(at, place, 3 * sizeof *at);

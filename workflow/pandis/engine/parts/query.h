@@ -1,6 +1,8 @@
-/* ---------------------------------------------------------------- queries */
+/* -------------------- queries */
 
-PANDIS_API pandis_kind pandis_field_kind(const pandis_field *field) { return (pandis_kind)field->kind; }
+PANDIS_API pandis_kind pandis_field_kind(const pandis_field *field) {
+    return (pandis_kind)field->kind;
+}
 
 PANDIS_API size_t pandis_bytes(const pandis_field *field) { return field->size; }
 
@@ -27,9 +29,10 @@ static int pandis__unit(const pandis_field *field, const double *point, double *
 }
 
 /* Convert distance, direction and flag (unit frame) to an answer in mesh units. */
-static void pandis__tell(const pandis_field *field, double d, double *n, double clear, pandis_flag flag,
-                         pandis_answer *answer) {
-    if (flag != PANDIS_INVALID && !(fabs(d) <= 4e150 && pandis__dot(n, n) <= 1e300)) flag = PANDIS_INVALID;
+static void pandis__tell(const pandis_field *field, double d, double *n, double clear,
+    pandis_flag flag, pandis_answer *answer) {
+    if (flag != PANDIS_INVALID && !(fabs(d) <= 4e150 && pandis__dot(n, n) <= 1e300))
+        flag = PANDIS_INVALID;
     if (flag == PANDIS_INVALID || flag == PANDIS_BEYOND) {
         answer->distance = answer->normal[0] = answer->normal[1] = answer->normal[2] = (double)NAN;
         answer->slope = (double)NAN;
@@ -46,23 +49,30 @@ static void pandis__tell(const pandis_field *field, double d, double *n, double 
     answer->flag = flag, answer->face = answer->region = -1;
 }
 
-static void pandis__ask(const pandis_field *field, const double *point, pandis__start *begin, pandis__cells *cells,
-                        pandis_answer *answer) {
+static void pandis__ask(const pandis_field *field, const double *point, pandis__start *begin,
+    pandis__cells *cells, pandis_answer *answer) {
     double u[1][3], d = 0, n[1][3] = {{0}}, clear = 0;
     pandis_flag flag = PANDIS_INVALID;
     if (pandis__unit(field, point, u[0])) {
         switch (field->kind) {
-            case PANDIS_NETWORK: pandis__answer_network(&field->as.network, 1, u, &d, n, &flag); break;
-            case PANDIS_GRID: flag = pandis__answer_grid(&field->as.grid, u[0], &d, n[0]); break;
-            case PANDIS_SPLINE: pandis__answer_spline(&field->as.spline, u[0], cells, &d, n[0], &flag); break;
-            case PANDIS_MESH: flag = pandis__answer_mesh(&field->as.mesh, u[0], begin, &d, n[0], &clear); break;
-            case PANDIS_COMPACT: flag = pandis__answer_compact(&field->as.compact, u[0], begin, &d, n[0], &clear); break;
-            case PANDIS_SHAPE:
-                pandis__answer_shape(&field->as.shape, point, &d, n[0]);
-                d *= field->scale;
-                flag = fabs(u[0][0]) <= 1 && fabs(u[0][1]) <= 1 && fabs(u[0][2]) <= 1 ? PANDIS_OK : PANDIS_BOUND;
-                break;
-            default: break;
+        case PANDIS_NETWORK: pandis__answer_network(&field->as.network, 1, u, &d, n, &flag); break;
+        case PANDIS_GRID: flag = pandis__answer_grid(&field->as.grid, u[0], &d, n[0]); break;
+        case PANDIS_SPLINE:
+            pandis__answer_spline(&field->as.spline, u[0], cells, &d, n[0], &flag);
+            break;
+        case PANDIS_MESH:
+            flag = pandis__answer_mesh(&field->as.mesh, u[0], begin, &d, n[0], &clear);
+            break;
+        case PANDIS_COMPACT:
+            flag = pandis__answer_compact(&field->as.compact, u[0], begin, &d, n[0], &clear);
+            break;
+        case PANDIS_SHAPE:
+            pandis__answer_shape(&field->as.shape, point, &d, n[0]);
+            d *= field->scale;
+            flag = fabs(u[0][0]) <= 1 && fabs(u[0][1]) <= 1 && fabs(u[0][2]) <= 1 ? PANDIS_OK
+                                                                                  : PANDIS_BOUND;
+            break;
+        default: break;
         }
     }
     pandis__tell(field, d, n[0], clear, flag, answer);
@@ -71,25 +81,27 @@ static void pandis__ask(const pandis_field *field, const double *point, pandis__
     if (field->regions && begin->place >= 0) answer->region = field->regions[begin->place];
 }
 
-PANDIS_API void pandis_query(const pandis_field *field, const double point[3], pandis_answer *answer) {
+PANDIS_API void pandis_query(
+    const pandis_field *field, const double point[3], pandis_answer *answer) {
     pandis__start begin = PANDIS__ANYWHERE;
     pandis__ask(field, point, &begin, NULL, answer);
 }
 
-PANDIS_API void pandis_query_within(const pandis_field *field, const double point[3], double reach,
-                                    pandis_answer *answer) {
+PANDIS_API void pandis_query_within(
+    const pandis_field *field, const double point[3], double reach, pandis_answer *answer) {
     pandis__start begin = PANDIS__WITHIN(reach >= 0 ? reach * field->scale : (double)INFINITY);
     pandis__ask(field, point, &begin, NULL, answer);
 }
 
-/* The same as pandis_query_from. `cells` is a cache for splines, used with this field only and all zero before its first query;
- * NULL: no cache. */
-static void pandis__query_after(const pandis_field *field, const double *point, pandis_hint *hint, pandis__cells *cells,
-                                pandis_answer *answer) {
+/* The same as pandis_query_from. `cells` is a cache for splines, used with this field only and all
+ * zero before its first query; NULL: no cache. */
+static void pandis__query_after(const pandis_field *field, const double *point, pandis_hint *hint,
+    pandis__cells *cells, pandis_answer *answer) {
     pandis__start begin = PANDIS__ANYWHERE;
     double u[3], way[3];
     memcpy(begin.closest, hint->room + 1, sizeof begin.closest);
-    if (hint->room[0] == 1 && pandis__unit(field, point, u)) { /* the previous closest point may still be about as near */
+    /* the previous closest point may still be about as near */
+    if (hint->room[0] == 1 && pandis__unit(field, point, u)) {
         for (int k = 0; k < 3; k++) way[k] = u[k] - begin.closest[k];
         double guess = sqrt(pandis__dot(way, way));
         if (guess >= 0) begin.guess = guess;
@@ -99,17 +111,19 @@ static void pandis__query_after(const pandis_field *field, const double *point, 
     memcpy(hint->room + 1, begin.closest, sizeof begin.closest);
 }
 
-PANDIS_API void pandis_query_from(const pandis_field *field, const double point[3], pandis_hint *hint,
-                                  pandis_answer *answer) {
+PANDIS_API void pandis_query_from(
+    const pandis_field *field, const double point[3], pandis_hint *hint, pandis_answer *answer) {
     pandis__query_after(field, point, hint, NULL, answer);
 }
 
-PANDIS_API pandis_flag pandis_distance(const pandis_field *field, const double point[3], double *distance) {
+PANDIS_API pandis_flag pandis_distance(
+    const pandis_field *field, const double point[3], double *distance) {
     pandis_answer answer;
     double u[1][3], d = 0, none[3] = {0, 0, 1};
     pandis_flag flag = PANDIS_INVALID;
     if (field->kind == PANDIS_NETWORK && field->as.network.outputs == 1) {
-        if (pandis__unit(field, point, u[0])) pandis__answer_network(&field->as.network, 1, u, &d, NULL, &flag);
+        if (pandis__unit(field, point, u[0]))
+            pandis__answer_network(&field->as.network, 1, u, &d, NULL, &flag);
         pandis__tell(field, d, none, 0, flag, &answer);
     } else {
         pandis_query(field, point, &answer);
@@ -118,7 +132,8 @@ PANDIS_API pandis_flag pandis_distance(const pandis_field *field, const double p
     return answer.flag;
 }
 
-PANDIS_API pandis_flag pandis_force(const pandis_field *field, const double point[3], double stiffness, double force[3]) {
+PANDIS_API pandis_flag pandis_force(
+    const pandis_field *field, const double point[3], double stiffness, double force[3]) {
     pandis_answer answer;
     force[0] = force[1] = force[2] = 0;
     if (!(stiffness >= 0 && stiffness <= PANDIS__STIFFEST)) return PANDIS_INVALID;
@@ -129,7 +144,8 @@ PANDIS_API pandis_flag pandis_force(const pandis_field *field, const double poin
 }
 
 /* Query four points of a network, reading every weight once. */
-static void pandis__query_four(const pandis_field *field, const double *points, pandis_answer *answers) {
+static void pandis__query_four(
+    const pandis_field *field, const double *points, pandis_answer *answers) {
     double u[4][3], d[4], n[4][3];
     int finite[4];
     pandis_flag flag[4];
@@ -138,19 +154,18 @@ static void pandis__query_four(const pandis_field *field, const double *points, 
         for (int k = 0; k < 3 && !finite[p]; k++) u[p][k] = 0;
     }
     pandis__answer_network(&field->as.network, 4, u, d, n, flag);
-    for (int p = 0; p < 4; p++) pandis__tell(field, d[p], n[p], 0, finite[p] ? flag[p] : PANDIS_INVALID, answers + p);
+    for (int p = 0; p < 4; p++)
+        pandis__tell(field, d[p], n[p], 0, finite[p] ? flag[p] : PANDIS_INVALID, answers + p);
 }
 
-PANDIS_API void pandis_query_many(const pandis_field *field, const double *points, size_t count, double *distances,
-                                  double *normals, unsigned char *flags) {
+PANDIS_API void pandis_query_many(const pandis_field *field, const double *points, size_t count,
+    double *distances, double *normals, unsigned char *flags) {
     pandis_answer answers[4];
     size_t at_once = field->kind == PANDIS_NETWORK && pandis__fits_four(&field->as.network) ? 4 : 1;
     for (size_t i = 0, some; i < count; i += some) {
         some = count - i < at_once ? 1 : at_once;
-        if (some == 4)
-            pandis__query_four(field, points + 3 * i, answers);
-        else
-            pandis_query(field, points + 3 * i, answers);
+        if (some == 4) pandis__query_four(field, points + 3 * i, answers);
+        else pandis_query(field, points + 3 * i, answers);
         for (size_t k = 0; k < some; k++) {
             distances[i + k] = answers[k].distance;
             if (normals) memcpy(normals + 3 * (i + k), answers[k].normal, sizeof answers[k].normal);

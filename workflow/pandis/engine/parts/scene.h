@@ -1,17 +1,22 @@
-/* ---------------------------------------------------------------- scenes */
+/* -------------------- scenes */
 
 /* Transform a point of the scene into the coordinates of an object's mesh. */
 static void pandis__enter(const pandis_object *o, const double *point, double *p) {
     double off[3];
     for (int k = 0; k < 3; k++) off[k] = point[k] - o->translation[k];
     for (int k = 0; k < 3; k++)
-        p[k] = (o->rotation[k] * off[0] + o->rotation[3 + k] * off[1] + o->rotation[6 + k] * off[2]) / o->scale;
+        p[k] =
+            (o->rotation[k] * off[0] + o->rotation[3 + k] * off[1] + o->rotation[6 + k] * off[2]) /
+            o->scale;
 }
 
-/* Query a point in the mesh's coordinates, and add its penalty force: none outside, or without an answer. */
-static void pandis__add_force(const pandis_object *o, const double *p, pandis_answer *answer, double *force) {
+/* Query a point in the mesh's coordinates, and add its penalty force: none outside, or without an
+ * answer. */
+static void pandis__add_force(
+    const pandis_object *o, const double *p, pandis_answer *answer, double *force) {
     pandis_query(o->field, p, answer);
-    double push = answer->distance < 0 ? -o->stiffness * (answer->distance * o->scale) : 0; /* false for NaN */
+    /* false for NaN */
+    double push = answer->distance < 0 ? -o->stiffness * (answer->distance * o->scale) : 0;
     if (!(push > 0)) return;
     for (int k = 0; k < 3; k++) {
         const double *row = o->rotation + 3 * k;
@@ -19,7 +24,8 @@ static void pandis__add_force(const pandis_object *o, const double *p, pandis_an
     }
 }
 
-PANDIS_API pandis_flag pandis_object_force(const pandis_object *object, const double point[3], double force[3]) {
+PANDIS_API pandis_flag pandis_object_force(
+    const pandis_object *object, const double point[3], double force[3]) {
     pandis_answer answer;
     double p[3];
     force[0] = force[1] = force[2] = 0;
@@ -46,16 +52,19 @@ static int pandis__places(const double *rotation, const double *translation) {
 
 static int pandis__lies(const pandis_object *o) {
     if (!o->field || !o->field->kind || !pandis__places(o->rotation, o->translation)) return 0;
-    return o->scale >= 1e-100 && o->scale <= 1e100 && o->stiffness >= 0 && o->stiffness <= PANDIS__STIFFEST;
+    return o->scale >= 1e-100 && o->scale <= 1e100 && o->stiffness >= 0 &&
+        o->stiffness <= PANDIS__STIFFEST;
 }
 
-/* A scene keeps two balls per object in which it cannot be touched: one for penalty forces, one for contacts, whose
- * proxies may be elsewhere. Centres and squared radii are stored in blocks, coordinate by coordinate. */
+/* A scene keeps two balls per object in which it cannot be touched: one for penalty forces, one for
+ * contacts, whose proxies may be elsewhere. Centres and squared radii are stored in blocks,
+ * coordinate by coordinate. */
 enum { PANDIS__OF_FORCES, PANDIS__OF_CONTACTS };
 
 static double *pandis__ball(const pandis__scene *scene, int use, size_t object) {
     double *balls = scene->room + (size_t)use * (PANDIS_SCENE_ROOM(scene->count) / 2);
-    return balls + object / PANDIS_SCENE_BLOCK * 4 * PANDIS_SCENE_BLOCK + object % PANDIS_SCENE_BLOCK;
+    return balls + object / PANDIS_SCENE_BLOCK * 4 * PANDIS_SCENE_BLOCK +
+        object % PANDIS_SCENE_BLOCK;
 }
 
 static void pandis__keep_ball(double *ball, const double *centre, double radius) {
@@ -63,7 +72,8 @@ static void pandis__keep_ball(double *ball, const double *centre, double radius)
     ball[3 * PANDIS_SCENE_BLOCK] = radius > 0 ? radius * radius : -1;
 }
 
-/* Distance from a point (unit frame) within which nothing can be touched, by the bounds of the surface. */
+/* Distance from a point (unit frame) within which nothing can be touched, by the bounds of the
+ * surface. */
 static double pandis__clearance(const pandis_field *f, const double *u) {
     double off[3];
     for (int k = 0; k < 3; k++) {
@@ -81,7 +91,8 @@ static pandis_flag pandis__worse(pandis_flag one, pandis_flag other) {
 }
 
 /* Query an object if it may be touched at a point; keep the ball where it cannot be. */
-static pandis_flag pandis__visit(pandis__scene *scene, size_t index, const double *point, double *force) {
+static pandis_flag pandis__visit(
+    pandis__scene *scene, size_t index, const double *point, double *force) {
     const pandis_object *o = scene->objects + index;
     const pandis_field *f = o->field;
     double p[3], u[3], size = 0;
@@ -100,10 +111,12 @@ static pandis_flag pandis__visit(pandis__scene *scene, size_t index, const doubl
         scene->queries++;
         flag = answer.flag;
         double away = flag == PANDIS_CUT && answer.distance > 0 ? answer.clear : answer.distance;
-        if (inside && flag != PANDIS_INVALID) clear = away * f->scale - f->margin[flag == PANDIS_BOUND];
+        if (inside && flag != PANDIS_INVALID)
+            clear = away * f->scale - f->margin[flag == PANDIS_BOUND];
     }
     /* less rounding errors, and the stretch of a rotation that is exact only within 1e-6 */
-    pandis__keep_ball(pandis__ball(scene, PANDIS__OF_FORCES, index), point, clear * (o->scale / f->scale) * (1 - 4e-6) - 1e-12 * size);
+    pandis__keep_ball(pandis__ball(scene, PANDIS__OF_FORCES, index), point,
+        clear * (o->scale / f->scale) * (1 - 4e-6) - 1e-12 * size);
     return flag;
 }
 
@@ -121,8 +134,8 @@ PANDIS_API pandis_error pandis_scene_moved(pandis_scene *scene, size_t object) {
     return object < s->count ? pandis__wake_object(s, object) : PANDIS_ERROR_COUNT;
 }
 
-PANDIS__ONCE PANDIS_API pandis_error pandis_scene_open(pandis_scene *scene, const pandis_object *objects, size_t count, double *room,
-                                          size_t room_length) {
+PANDIS__ONCE PANDIS_API pandis_error pandis_scene_open(pandis_scene *scene,
+    const pandis_object *objects, size_t count, double *room, size_t room_length) {
     const double origin[3] = {0};
     pandis__scene *s = pandis__scene_of(scene);
     pandis_error error = PANDIS_SUCCESS;
@@ -138,10 +151,14 @@ PANDIS__ONCE PANDIS_API pandis_error pandis_scene_open(pandis_scene *scene, cons
     return error;
 }
 
-PANDIS_API size_t pandis_scene_queries(const pandis_scene *scene) { return pandis__scene_in(scene)->queries; }
+PANDIS_API size_t pandis_scene_queries(const pandis_scene *scene) {
+    return pandis__scene_in(scene)->queries;
+}
 
-/* Find the next object, from `from` on, that may be touched at a point; the count if there is none. */
-static size_t pandis__next_awake(const pandis__scene *scene, int use, size_t from, const double *point) {
+/* Find the next object, from `from` on, that may be touched at a point; the count if there is none.
+ */
+static size_t pandis__next_awake(
+    const pandis__scene *scene, int use, size_t from, const double *point) {
     size_t start = from - from % PANDIS_SCENE_BLOCK;
     for (; start < scene->count; start += PANDIS_SCENE_BLOCK, from = start) {
         const double *ball = pandis__ball(scene, use, start);
@@ -161,7 +178,8 @@ static size_t pandis__next_awake(const pandis__scene *scene, int use, size_t fro
     return scene->count;
 }
 
-PANDIS_API pandis_flag pandis_scene_force(pandis_scene *scene, const double point[3], double force[3]) {
+PANDIS_API pandis_flag pandis_scene_force(
+    pandis_scene *scene, const double point[3], double force[3]) {
     pandis__scene *s = pandis__scene_of(scene);
     pandis_flag worst = PANDIS_OK;
     force[0] = force[1] = force[2] = 0;

@@ -1,7 +1,8 @@
-/* ---------------------------------------------------------------- scenes
+/* -------------------- scenes
  *
- * Objects that one probe can touch. Each is queried again only when the probe may touch it: a field at distance d cannot
- * be touched before the probe has moved that far. Each probe needs its own scene, in one thread. */
+ * Objects that one probe can touch. Each is queried again only when the probe may touch it: a field
+ * at distance d cannot be touched before the probe has moved that far. Each probe needs its own
+ * scene, in one thread. */
 
 /* The state of a scene. Its contents are internal. */
 typedef union {
@@ -9,36 +10,41 @@ typedef union {
     unsigned char bytes[256];
 } pandis_scene;
 
-/* Number of objects that are tested together, and of doubles that a scene of `count` objects requires. */
+/* Number of objects that are tested together, and of doubles that a scene of `count` objects
+ * requires. */
 #define PANDIS_SCENE_BLOCK 32
-#define PANDIS_SCENE_ROOM(count) \
-    (8 * PANDIS_SCENE_BLOCK * (((count) + sizeof(char) * (PANDIS_SCENE_BLOCK - 1)) / PANDIS_SCENE_BLOCK))
+#define PANDIS_SCENE_ROOM(count)                                                                   \
+    (8 * PANDIS_SCENE_BLOCK *                                                                      \
+        (((count) + sizeof(char) * (PANDIS_SCENE_BLOCK - 1)) / PANDIS_SCENE_BLOCK))
 
 /* Begin a scene.
  *
- * objects      `count` objects, kept by the caller, who may change them between calls: see pandis_scene_moved
- * room         memory of at least PANDIS_SCENE_ROOM(count) doubles, kept by the caller
- * room_length  number of doubles in `room`
+ * objects      `count` objects, kept by the caller, who may change them between calls: see
+ * pandis_scene_moved room         memory of at least PANDIS_SCENE_ROOM(count) doubles, kept by the
+ * caller room_length  number of doubles in `room`
  *
- * Returns PANDIS_SUCCESS; PANDIS_ERROR_POSE: invalid objects are left out; or PANDIS_ERROR_COUNT: the scene is empty. */
-PANDIS_API pandis_error pandis_scene_open(pandis_scene *scene, const pandis_object *objects, size_t count, double *room,
-                                          size_t room_length);
+ * Returns PANDIS_SUCCESS; PANDIS_ERROR_POSE: invalid objects are left out; or PANDIS_ERROR_COUNT:
+ * the scene is empty. */
+PANDIS_API pandis_error pandis_scene_open(pandis_scene *scene, const pandis_object *objects,
+    size_t count, double *room, size_t room_length);
 
-/* [rt] Notify a scene that an object was moved, turned, scaled, reshaped (call pandis_contact_reshaped for its contact, too),
- * or given another field.
+/* [rt] Notify a scene that an object was moved, turned, scaled, reshaped (call
+ * pandis_contact_reshaped for its contact, too), or given another field.
  *
  * object   its index
  *
- * Returns PANDIS_SUCCESS; PANDIS_ERROR_POSE: the object is left out until it is valid; or PANDIS_ERROR_COUNT: there is no
- * such object. */
+ * Returns PANDIS_SUCCESS; PANDIS_ERROR_POSE: the object is left out until it is valid; or
+ * PANDIS_ERROR_COUNT: there is no such object. */
 PANDIS_API pandis_error pandis_scene_moved(pandis_scene *scene, size_t object);
 
-/* [rt] The sum of the penalty forces of all objects, in their order: bit for bit that of pandis_object_force, provided
- * that no field's distance error exceeds the bound in its file. It does not affect pandis_scene_touch, whatever the order
- * of calls. Returns the worst flag of the objects queried.
+/* [rt] The sum of the penalty forces of all objects, in their order: bit for bit that of
+ * pandis_object_force, provided that no field's distance error exceeds the bound in its file. It
+ * does not affect pandis_scene_touch, whatever the order of calls. Returns the worst flag of the
+ * objects queried.
  *
  * point    scene lengths, at most 1e100 */
-PANDIS_API pandis_flag pandis_scene_force(pandis_scene *scene, const double point[3], double force[3]);
+PANDIS_API pandis_flag pandis_scene_force(
+    pandis_scene *scene, const double point[3], double force[3]);
 
 /* Begin a contact for each object.
  *
@@ -46,12 +52,14 @@ PANDIS_API pandis_flag pandis_scene_force(pandis_scene *scene, const double poin
  * options   `count` options, copied; NULL: the defaults
  * count     number of objects in the scene, else PANDIS_ERROR_COUNT
  *
- * Returns PANDIS_SUCCESS, or the first error of pandis_contact_open: that object is left out until this is called again. */
+ * Returns PANDIS_SUCCESS, or the first error of pandis_contact_open: that object is left out until
+ * this is called again. */
 PANDIS_API pandis_error pandis_scene_touch_open(pandis_scene *scene, pandis_contact *contacts,
-                                                const pandis_contact_options *options, size_t count);
+    const pandis_contact_options *options, size_t count);
 
-/* [rt] Move the probe, and step the contacts of all objects that it may touch. The force is the sum of theirs, in the order
- * of the objects, bit for bit as if all had been stepped. A moved object carries its proxy along.
+/* [rt] Move the probe, and step the contacts of all objects that it may touch. The force is the sum
+ * of theirs, in the order of the objects, bit for bit as if all had been stepped. A moved object
+ * carries its proxy along.
  *
  * position  scene lengths, at most 1e100
  * dt        seconds since the last step, more than 0
@@ -60,24 +68,27 @@ PANDIS_API pandis_error pandis_scene_touch_open(pandis_scene *scene, pandis_cont
  * touched   number of such objects, which may exceed `most`; NULL: not wanted
  *
  * Returns the worst flag. */
-PANDIS_API pandis_flag pandis_scene_touch(pandis_scene *scene, const double position[3], double dt, double force[3],
-                                          pandis_touch *touches, size_t most, size_t *touched);
+PANDIS_API pandis_flag pandis_scene_touch(pandis_scene *scene, const double position[3], double dt,
+    double force[3], pandis_touch *touches, size_t most, size_t *touched);
 
-/* [rt] Number of fields queried by the last pandis_scene_force, or of queries made by the last pandis_scene_touch. */
+/* [rt] Number of fields queried by the last pandis_scene_force, or of queries made by the last
+ * pandis_scene_touch. */
 PANDIS_API size_t pandis_scene_queries(const pandis_scene *scene);
 
 #if defined(__GNUC__) || defined(_MSC_VER)
-/* ---------------------------------------------------------------- objects that a simulation moves
+/* -------------------- objects that a simulation moves
  *
- * A simulation hands frames of poses over to the haptic loop; neither waits. Of three frames one is written, one is
- * followed, and the newest complete one is handed over. In each tick every object moves, without a jump, towards the
- * pose predicted for the time when the next frame is due. If the frame is late, it waits there. One thread gives, one steps. */
+ * A simulation hands frames of poses over to the haptic loop; neither waits. Of three frames one is
+ * written, one is followed, and the newest complete one is handed over. In each tick every object
+ * moves, without a jump, towards the pose predicted for the time when the next frame is due. If the
+ * frame is late, it waits there. One thread gives, one steps. */
 
 /* Pose and velocity of an object in a frame. */
 typedef struct {
     double rotation[9], translation[3]; /* as in pandis_object */
-    double velocity[3];                 /* of the point at `translation`, scene lengths per second, at most 1e50 */
-    double spin[3];                     /* axis times radians per second, in scene coordinates */
+    /* of the point at `translation`, scene lengths per second, at most 1e50 */
+    double velocity[3];
+    double spin[3]; /* axis times radians per second, in scene coordinates */
 } pandis_pose;
 
 /* The state of the handover. Its contents are internal. */
@@ -96,8 +107,8 @@ typedef union {
  * room_length  number of doubles in `room`
  *
  * Returns PANDIS_SUCCESS, PANDIS_ERROR_POSE or PANDIS_ERROR_COUNT. */
-PANDIS_API pandis_error pandis_poses_open(pandis_poses *poses, pandis_object *objects, size_t count, double *room,
-                                          size_t room_length);
+PANDIS_API pandis_error pandis_poses_open(
+    pandis_poses *poses, pandis_object *objects, size_t count, double *room, size_t room_length);
 
 /* [rt] Hand over a frame, in the simulation's thread.
  *
@@ -105,9 +116,11 @@ PANDIS_API pandis_error pandis_poses_open(pandis_poses *poses, pandis_object *ob
  * count    number of objects, else PANDIS_ERROR_COUNT
  * period   seconds until the next frame is due, more than 0 and at most 1e6
  *
- * Returns PANDIS_SUCCESS; or PANDIS_ERROR_POSE, and nothing is handed over: a rotation matrix is not a rotation,
- * a value is not finite, or an object turns more than halfway round in the period. */
-PANDIS_API pandis_error pandis_poses_give(pandis_poses *poses, const pandis_pose *frame, size_t count, double period);
+ * Returns PANDIS_SUCCESS; or PANDIS_ERROR_POSE, and nothing is handed over: a rotation matrix is
+ * not a rotation, a value is not finite, or an object turns more than halfway round in the period.
+ */
+PANDIS_API pandis_error pandis_poses_give(
+    pandis_poses *poses, const pandis_pose *frame, size_t count, double period);
 
 /* [rt] Move the objects, at the beginning of a tick. Returns 1 if there was a new frame, else 0.
  *
@@ -125,4 +138,3 @@ PANDIS_API int pandis_poses_step(pandis_poses *poses, pandis_scene *scene, doubl
 
 #if defined(PANDIS_IMPLEMENTATION) && !defined(PANDIS__IMPLEMENTED)
 #define PANDIS__IMPLEMENTED
-

@@ -1,4 +1,4 @@
-/* ---------------------------------------------------------------- files */
+/* -------------------- files */
 
 #define PANDIS__HEADER 256
 #define PANDIS__SECTION 24
@@ -9,7 +9,9 @@ static uint32_t pandis__u32(const unsigned char *p) {
     return (uint32_t)p[0] | (uint32_t)p[1] << 8 | (uint32_t)p[2] << 16 | (uint32_t)p[3] << 24;
 }
 
-static uint64_t pandis__u64(const unsigned char *p) { return pandis__u32(p) | (uint64_t)pandis__u32(p + 4) << 32; }
+static uint64_t pandis__u64(const unsigned char *p) {
+    return pandis__u32(p) | (uint64_t)pandis__u32(p + 4) << 32;
+}
 
 static double pandis__f64(const unsigned char *p) {
     uint64_t bits = pandis__u64(p);
@@ -36,13 +38,16 @@ static int32_t pandis__whole(const pandis_field *f, int k) {
     return value <= INT32_MAX ? (int32_t)value : -1;
 }
 
-static double pandis__real(const pandis_field *f, int k) { return pandis__f64(f->data + 128 + 8 * k); }
+static double pandis__real(const pandis_field *f, int k) {
+    return pandis__f64(f->data + 128 + 8 * k);
+}
 
 /* Find a section by its name, and its size in bytes; NULL if there is none. */
 static const unsigned char *pandis__find(const pandis_field *f, const char *name, uint64_t *bytes) {
     const unsigned char *entry = f->data + PANDIS__HEADER;
     *bytes = 0;
-    for (uint32_t i = 0, sections = pandis__u32(f->data + 36); i < sections; i++, entry += PANDIS__SECTION) {
+    for (uint32_t i = 0, sections = pandis__u32(f->data + 36); i < sections;
+        i++, entry += PANDIS__SECTION) {
         if (memcmp(entry, name, 4)) continue;
         *bytes = pandis__u64(entry + 16);
         return f->data + (size_t)pandis__u64(entry + 8);
@@ -50,8 +55,10 @@ static const unsigned char *pandis__find(const pandis_field *f, const char *name
     return NULL;
 }
 
-/* Find a section by its name, if it contains `count` values of `each` bytes; sections have been checked. */
-static const void *pandis__section(const pandis_field *f, const char *name, uint64_t count, uint64_t each) {
+/* Find a section by its name, if it contains `count` values of `each` bytes; sections have been
+ * checked. */
+static const void *pandis__section(
+    const pandis_field *f, const char *name, uint64_t count, uint64_t each) {
     uint64_t bytes;
     const unsigned char *section = pandis__find(f, name, &bytes);
     return bytes == count * each ? section : NULL;
@@ -74,7 +81,8 @@ PANDIS_API const char *pandis_region(const pandis_field *field, int region) {
     uint64_t bytes = 0;
     const char *name = field->regions ? (const char *)pandis__find(field, "RNAM", &bytes) : NULL;
     const char *end = name ? name + bytes : NULL;
-    for (int i = 0; i < region && name < end; i++) name += strlen(name) + 1; /* the last one ends with a zero */
+    /* the last one ends with a zero */
+    for (int i = 0; i < region && name < end; i++) name += strlen(name) + 1;
     return region >= 0 && name < end ? name : NULL;
 }
 
@@ -91,4 +99,3 @@ static int pandis__finite64(const double *values, uint64_t count) {
 }
 
 static uint64_t pandis__cube(int32_t n) { return (uint64_t)n * (uint64_t)n * (uint64_t)n; }
-

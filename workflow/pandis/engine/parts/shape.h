@@ -1,10 +1,11 @@
-/* ---------------------------------------------------------------- closed forms */
+/* -------------------- closed forms */
 
 enum { PANDIS__SPHERE, PANDIS__TORUS, PANDIS__BOX, PANDIS__CAPSULE };
 
-/* Evaluate a closed form in the units of its sizes. Sizes: sphere (radius), torus around z (ring, tube), box (half its
- * sides), capsule along z (radius, half its axis). */
-static void pandis__answer_shape(const pandis__shape *s, const double *p, double *distance, double *normal) {
+/* Evaluate a closed form in the units of its sizes. Sizes: sphere (radius), torus around z (ring,
+ * tube), box (half its sides), capsule along z (radius, half its axis). */
+static void pandis__answer_shape(
+    const pandis__shape *s, const double *p, double *distance, double *normal) {
     double offset[3] = {p[0], p[1], p[2]};
     if (s->shape == PANDIS__BOX) {
         double excess[3], out[3], most;
@@ -34,4 +35,3 @@ static void pandis__answer_shape(const pandis__shape *s, const double *p, double
     memcpy(normal, offset, sizeof offset);
     if (!(length > PANDIS__TINY)) normal[s->shape == PANDIS__CAPSULE ? 0 : 2] = 1;
 }
-

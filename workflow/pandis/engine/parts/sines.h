@@ -1,12 +1,13 @@
-/* ---------------------------------------------------------------- sines */
+/* -------------------- sines */
 
 /* pi / 2 in three parts, the first two of few bits, so that integer multiples of them are exact. */
 #define PANDIS__PART1 1.5703125f
 #define PANDIS__PART2 4.837512969970703125e-4f
 #define PANDIS__PART3 7.549789954891e-8f
 
-/* Compute sine and cosine within 1.2e-7 for |x| up to 1e4. Beyond, where no trained network goes, results are those of 0;
- * they are NaN if x is not finite. Minimax polynomials on [-pi/4, pi/4] (Cephes, Moshier). No branch, so that it vectorises. */
+/* Compute sine and cosine within 1.2e-7 for |x| up to 1e4. Beyond, where no trained network goes,
+ * results are those of 0; they are NaN if x is not finite. Minimax polynomials on [-pi/4, pi/4]
+ * (Cephes, Moshier). No branch, so that it vectorises. */
 PANDIS__INLINE void pandis__sine_cosine(float x, float *sine, float *cosine) {
     const float whole = 12582912.0f; /* adding 1.5 * 2^23 rounds to the nearest whole number */
     float none = x - x;              /* 0, or NaN if x is not finite */
@@ -14,16 +15,17 @@ PANDIS__INLINE void pandis__sine_cosine(float x, float *sine, float *cosine) {
     float k = (x * 0.636619772367581343f + whole) - whole;
     float r = ((x - k * PANDIS__PART1) - k * PANDIS__PART2) - k * PANDIS__PART3, q = r * r;
     float s = ((-1.9515295891e-4f * q + 8.3321608736e-3f) * q - 1.6666654611e-1f) * q * r + r;
-    float c = ((2.443315711809948e-5f * q - 1.388731625493765e-3f) * q + 4.166664568298827e-2f) * q * q - 0.5f * q +
-              1.0f;
+    float c =
+        ((2.443315711809948e-5f * q - 1.388731625493765e-3f) * q + 4.166664568298827e-2f) * q * q -
+        0.5f * q + 1.0f;
     int32_t quarter = (int32_t)k;
     float a = quarter & 1 ? c : s, b = quarter & 1 ? s : c;
     *sine = (quarter & 2 ? -a : a) + none;
     *cosine = ((quarter + 1) & 2 ? -b : b) + none;
 }
 
-/* Check the arithmetic that this code relies on: sums are rounded in the order in which they are written, and NaN stays
- * NaN. Some options of -ffast-math break this and define no macro. */
+/* Check the arithmetic that this code relies on: sums are rounded in the order in which they are
+ * written, and NaN stays NaN. Some options of -ffast-math break this and define no macro. */
 PANDIS__ONCE static int pandis__arithmetic(void) {
     /* sines and cosines of 3 and of -100, from a loop like that of network layers */
     static const float wanted[4] = {0.141120008f, -0.989992497f, 0.506365641f, 0.862318872f};
@@ -44,4 +46,3 @@ PANDIS__ONCE static int pandis__arithmetic(void) {
     double big = sum - large, nan = (double)sine[15];
     return good & (big == 0) & (nan != nan);
 }
-

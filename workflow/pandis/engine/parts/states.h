@@ -1,4 +1,4 @@
-/* ---------------------------------------------------------------- contents of the opaque states */
+/* -------------------- contents of the opaque states */
 
 typedef struct {
     pandis_contact_options options; /* budget 0: the contact is not open */
@@ -34,12 +34,15 @@ typedef struct {
 } pandis__handover;
 #endif
 
-/* The state behind each handle. Handles are aligned for doubles. As unions with characters, they may alias anything. */
-#define PANDIS__STATE(handle)                                                                                     \
-    typedef char handle##_fits[sizeof(pandis__##handle) <= sizeof(pandis_##handle) ? 1 : -1];                     \
-    PANDIS__INLINE pandis__##handle *pandis__##handle##_of(pandis_##handle *h) { return (pandis__##handle *)(void *)h; } \
-    PANDIS__INLINE const pandis__##handle *pandis__##handle##_in(const pandis_##handle *h) {                      \
-        return (const pandis__##handle *)(const void *)h;                                                         \
+/* The state behind each handle. Handles are aligned for doubles. As unions with characters, they
+ * may alias anything. */
+#define PANDIS__STATE(handle)                                                                      \
+    typedef char handle##_fits[sizeof(pandis__##handle) <= sizeof(pandis_##handle) ? 1 : -1];      \
+    PANDIS__INLINE pandis__##handle *pandis__##handle##_of(pandis_##handle *h) {                   \
+        return (pandis__##handle *)(void *)h;                                                      \
+    }                                                                                              \
+    PANDIS__INLINE const pandis__##handle *pandis__##handle##_in(const pandis_##handle *h) {       \
+        return (const pandis__##handle *)(const void *)h;                                          \
     }
 PANDIS__STATE(contact)
 PANDIS__STATE(scene)
@@ -50,8 +53,11 @@ PANDIS__STATE(handover)
 
 PANDIS_API const char *pandis_version(void) { return PANDIS_VERSION; }
 
-PANDIS__ONCE PANDIS_API pandis_error pandis__check(const char *version, size_t field, size_t options, size_t touch) {
-    int same = strlen(version) == sizeof PANDIS_VERSION - 1 && !memcmp(version, PANDIS_VERSION, sizeof PANDIS_VERSION - 1);
-    same = same && field == sizeof(pandis_field) && options == sizeof(pandis_contact_options) && touch == sizeof(pandis_touch);
+PANDIS__ONCE PANDIS_API pandis_error pandis__check(
+    const char *version, size_t field, size_t options, size_t touch) {
+    int same = strlen(version) == sizeof PANDIS_VERSION - 1 &&
+        !memcmp(version, PANDIS_VERSION, sizeof PANDIS_VERSION - 1);
+    same = same && field == sizeof(pandis_field) && options == sizeof(pandis_contact_options) &&
+        touch == sizeof(pandis_touch);
     return same ? PANDIS_SUCCESS : PANDIS_ERROR_HEADER;
 }

@@ -1,8 +1,8 @@
 
-/* ---------------------------------------------------------------- eight boxes or triangles at once, in single precision
+/* -------------------- eight boxes or triangles at once, in single precision
  *
- * Squared distances are sorted as integers, their keys: non-negative floats sort like integers with the same bits. The
- * last three bits are the index of the box. */
+ * Squared distances are sorted as integers, their keys: non-negative floats sort like integers with
+ * the same bits. The last three bits are the index of the box. */
 
 PANDIS__INLINE int32_t pandis__least(const int32_t *keys) {
     int32_t least = keys[0];
@@ -28,7 +28,8 @@ typedef struct {
 } pandis__waiting;
 
 static void pandis__wait(pandis__waiting *heap, int at, pandis__waiting one) {
-    for (; at > 0 && heap[(at - 1) / 2].key > one.key; at = (at - 1) / 2) heap[at] = heap[(at - 1) / 2];
+    for (; at > 0 && heap[(at - 1) / 2].key > one.key; at = (at - 1) / 2)
+        heap[at] = heap[(at - 1) / 2];
     heap[at] = one;
 }
 
@@ -44,8 +45,10 @@ static pandis__waiting pandis__next(pandis__waiting *heap, int count) {
     return first;
 }
 
-/* Queue a box. If the queue is full, drop the farther of this box and the last one, and return 1 and its key. */
-static int pandis__wait_or_drop(pandis__waiting *heap, int *count, int32_t key, int32_t child, int32_t *out) {
+/* Queue a box. If the queue is full, drop the farther of this box and the last one, and return 1
+ * and its key. */
+static int pandis__wait_or_drop(
+    pandis__waiting *heap, int *count, int32_t key, int32_t child, int32_t *out) {
     pandis__waiting one = {key, child};
     if (*count < PANDIS__HEAP) {
         pandis__wait(heap, (*count)++, one);
@@ -62,14 +65,17 @@ PANDIS__INLINE float pandis__clamp01f(float t) {
     return t < 1 ? t : 1;
 }
 
-/* Squared distances from a point to eight triangles, given as (3 corners, 3 axes, 8): each is that of some point
- * of the triangle, and so too small only by rounding. pandis__slacks bounds how much too large it can be. */
-PANDIS__INLINE void pandis__eight_distances(float (*v)[3][PANDIS__WIDTH], const float *PANDIS__RESTRICT q,
-                                    float *PANDIS__RESTRICT out) {
+/* Squared distances from a point to eight triangles, given as (3 corners, 3 axes, 8): each is that
+ * of some point of the triangle, and so too small only by rounding. pandis__slacks bounds how much
+ * too large it can be. */
+PANDIS__INLINE void pandis__eight_distances(
+    float (*v)[3][PANDIS__WIDTH], const float *PANDIS__RESTRICT q, float *PANDIS__RESTRICT out) {
     for (int i = 0; i < PANDIS__WIDTH; i++) {
         float x = q[0] - v[0][0][i], y = q[1] - v[0][1][i], z = q[2] - v[0][2][i];
-        float ux = v[1][0][i] - v[0][0][i], uy = v[1][1][i] - v[0][1][i], uz = v[1][2][i] - v[0][2][i];
-        float vx = v[2][0][i] - v[0][0][i], vy = v[2][1][i] - v[0][1][i], vz = v[2][2][i] - v[0][2][i];
+        float ux = v[1][0][i] - v[0][0][i], uy = v[1][1][i] - v[0][1][i],
+              uz = v[1][2][i] - v[0][2][i];
+        float vx = v[2][0][i] - v[0][0][i], vy = v[2][1][i] - v[0][1][i],
+              vz = v[2][2][i] - v[0][2][i];
         float wx = vx - ux, wy = vy - uy, wz = vz - uz;
         float s = pandis__clamp01f((ux * x + uy * y + uz * z) / (ux * ux + uy * uy + uz * uz));
         float rx = x - s * ux, ry = y - s * uy, rz = z - s * uz;
@@ -94,22 +100,28 @@ PANDIS__INLINE void pandis__eight_distances(float (*v)[3][PANDIS__WIDTH], const 
     }
 }
 
-/* How much too large the distance d to any of eight triangles can be in single precision, besides rounding of the point:
- * at most slack[0] + slack[1] * d. With B = 1 / the sine of the angle at the first corner and the unit
- * roundoff e, the foot inside a triangle is off by less than e (32 B (d + longest side) + 8 B^2 d). If a triangle is so
- * narrow that half its smallest height is less, that is the bound: an edge is as near. */
+/* How much too large the distance d to any of eight triangles can be in single precision, besides
+ * rounding of the point: at most slack[0] + slack[1] * d. With B = 1 / the sine of the angle at the
+ * first corner and the unit roundoff e, the foot inside a triangle is off by less than e (32 B (d +
+ * longest side) + 8 B^2 d). If a triangle is so narrow that half its smallest height is less, that
+ * is the bound: an edge is as near. */
 static void pandis__slacks(float (*v)[3][PANDIS__WIDTH], float *slack) {
     const float e = 6e-8f;
     float off[PANDIS__WIDTH], share[PANDIS__WIDTH];
     for (int i = 0; i < PANDIS__WIDTH; i++) {
-        float ux = v[1][0][i] - v[0][0][i], uy = v[1][1][i] - v[0][1][i], uz = v[1][2][i] - v[0][2][i];
-        float vx = v[2][0][i] - v[0][0][i], vy = v[2][1][i] - v[0][1][i], vz = v[2][2][i] - v[0][2][i];
+        float ux = v[1][0][i] - v[0][0][i], uy = v[1][1][i] - v[0][1][i],
+              uz = v[1][2][i] - v[0][2][i];
+        float vx = v[2][0][i] - v[0][0][i], vy = v[2][1][i] - v[0][1][i],
+              vz = v[2][2][i] - v[0][2][i];
         float wx = vx - ux, wy = vy - uy, wz = vz - uz;
-        float uu = ux * ux + uy * uy + uz * uz, vv = vx * vx + vy * vy + vz * vz, ww = wx * wx + wy * wy + wz * wz;
+        float uu = ux * ux + uy * uy + uz * uz, vv = vx * vx + vy * vy + vz * vz,
+              ww = wx * wx + wy * wy + wz * wz;
         float nx = uy * vz - uz * vy, ny = uz * vx - ux * vz, nz = ux * vy - uy * vx;
         float twice = sqrtf(nx * nx + ny * ny + nz * nz), most = uu > vv ? uu : vv;
-        float longest = sqrtf(ww > most ? ww : most), half = longest > 0 ? twice / (2 * longest) : 0;
-        float sine = sqrtf(uu) * sqrtf(vv) / (twice > 0 ? twice : 1e-30f), more = e * (32 * sine + 8 * sine * sine);
+        float longest = sqrtf(ww > most ? ww : most),
+              half = longest > 0 ? twice / (2 * longest) : 0;
+        float sine = sqrtf(uu) * sqrtf(vv) / (twice > 0 ? twice : 1e-30f),
+              more = e * (32 * sine + 8 * sine * sine);
         float less = e * 32 * sine * longest;
         int wide = less + more * longest < half; /* false after an overflow */
         /* plus the error on edges, and of a height that has lost its digits */
@@ -122,12 +134,15 @@ static void pandis__slacks(float (*v)[3][PANDIS__WIDTH], float *slack) {
     }
 }
 
-/* Whether a segment from a point meets a triangle (-1: from inside, 1: from outside), and at which share of it. */
+/* Whether a segment from a point meets a triangle (-1: from inside, 1: from outside), and at which
+ * share of it. */
 static int pandis__meets(const double *const *c, const double *p, const double *way, double *at) {
     double u[3], v[3], x[3], across[3], turned[3];
-    for (int k = 0; k < 3; k++) u[k] = c[1][k] - c[0][k], v[k] = c[2][k] - c[0][k], x[k] = p[k] - c[0][k];
+    for (int k = 0; k < 3; k++)
+        u[k] = c[1][k] - c[0][k], v[k] = c[2][k] - c[0][k], x[k] = p[k] - c[0][k];
     pandis__cross(way, v, across), pandis__cross(x, u, turned);
-    double det = pandis__dot(u, across), r = pandis__dot(x, across) / det, s = pandis__dot(way, turned) / det;
+    double det = pandis__dot(u, across), r = pandis__dot(x, across) / det,
+           s = pandis__dot(way, turned) / det;
     *at = pandis__dot(v, turned) / det;
     if (!(r >= 0 && s >= 0 && r + s <= 1 && *at >= 0)) return 0; /* not if det is 0 */
     return det < 0 ? -1 : 1;

@@ -1,36 +1,51 @@
-/* ---------------------------------------------------------------- how a proxy walks if hops make no progress
+/* -------------------- how a proxy walks if hops make no progress
  *
- * Where an approximate surface is rounded, in grooves and corners, planes that were seen from different places contradict
- * each other, and no hop leads nearer to the probe. A walk uses none of them. Each of its steps goes straight towards the
- * probe, and out of the surface again along planes that are determined for this step only. */
+ * Where an approximate surface is rounded, in grooves and corners, planes that were seen from
+ * different places contradict each other, and no hop leads nearer to the probe. A walk uses none of
+ * them. Each of its steps goes straight towards the probe, and out of the surface again along
+ * planes that are determined for this step only. */
 
-#define PANDIS__PACE 4.8e-3        /* a walk's longest step; its first is an eighth of that */
-#define PANDIS__CHORD 1.6e-3       /* the longest step around an edge that the proxy may take in part, straight on */
-#define PANDIS__FLAT 0.98          /* at an edge the cosine between the normals at both ends of a step is less */
-#define PANDIS__TIRED (1 / 1024.0) /* a walk ends below this share of the longest step: each failed step halves the next */
-#define PANDIS__IDLE 16            /* a walk begins at this count: contact steps without progress add 2, others subtract 1 */
-#define PANDIS__GAIN 0.25          /* a step makes no progress if it gains less than this share of the possible gain, */
-#define PANDIS__GAIN_EXACT 1e-9    /* or, on exact surfaces, less than this, or does not come nearer to the probe */
-#define PANDIS__CREEP 0.01         /* or, while the probe rests, goes less than this share of its way */
+#define PANDIS__PACE 4.8e-3 /* a walk's longest step; its first is an eighth of that */
+/* the longest step around an edge that the proxy may take in part, straight on */
+#define PANDIS__CHORD 1.6e-3
+/* at an edge the cosine between the normals at both ends of a step is less */
+#define PANDIS__FLAT 0.98
+/* a walk ends below this share of the longest step: each failed step halves the next */
+#define PANDIS__TIRED (1 / 1024.0)
+/* a walk begins at this count: contact steps without progress add 2, others subtract 1 */
+#define PANDIS__IDLE 16
+/* a step makes no progress if it gains less than this share of the possible gain, */
+#define PANDIS__GAIN 0.25
+/* or, on exact surfaces, less than this, or does not come nearer to the probe */
+#define PANDIS__GAIN_EXACT 1e-9
+/* or, while the probe rests, goes less than this share of its way */
+#define PANDIS__CREEP 0.01
 #define PANDIS__NEAR (PANDIS__GAP / 2) /* lift from which a ball reaches the proxy */
-#define PANDIS__AGAIN 64           /* contact steps after which a resting proxy tries again, */
-#define PANDIS__MOVED 0.2          /* or when the probe has moved by this share of its distance to the proxy */
-#define PANDIS__LEAN 0.05          /* sine of the angle between pull and surface normal below which the proxy rests */
-#define PANDIS__SUNK 1e-6          /* a place counts as free if it is no deeper than this, */
-#define PANDIS__SUNK_SHARE 0.1     /* and no deeper than this share of a step */
+#define PANDIS__AGAIN 64               /* contact steps after which a resting proxy tries again, */
+/* or when the probe has moved by this share of its distance to the proxy */
+#define PANDIS__MOVED 0.2
+/* sine of the angle between pull and surface normal below which the proxy rests */
+#define PANDIS__LEAN 0.05
+#define PANDIS__SUNK 1e-6      /* a place counts as free if it is no deeper than this, */
+#define PANDIS__SUNK_SHARE 0.1 /* and no deeper than this share of a step */
 
-/* Find the free place nearest to a goal, at most `reach` away. Returns 1 if it is in `look`, 0 if none was found, -1 if
- * there was no answer. `slope` is the rate at which the distance grows along the normal: less than 1 in a rounded corner,
- * and perhaps negative in a cell of a trilinear field. A place farther outside than necessary is improved once. */
-PANDIS__ONCE static int pandis__free_place(pandis__proxy *p, const double *goal, double reach, double *slope, pandis__look *look) {
+/* Find the free place nearest to a goal, at most `reach` away. Returns 1 if it is in `look`, 0 if
+ * none was found, -1 if there was no answer. `slope` is the rate at which the distance grows along
+ * the normal: less than 1 in a rounded corner, and perhaps negative in a cell of a trilinear field.
+ * A place farther outside than necessary is improved once. */
+PANDIS__ONCE static int pandis__free_place(
+    pandis__proxy *p, const double *goal, double reach, double *slope, pandis__look *look) {
     double at[3] = {goal[0], goal[1], goal[2]}, last[3] = {0}, before = 0;
     pandis__look high;
     int over = 0;
     const double sunk = fmin(PANDIS__SUNK, PANDIS__SUNK_SHARE * p->state->pace);
     *slope = fmax(0.1, *slope);
-    for (p->count = 0; p->count < 5 && p->queries < p->state->options.budget && pandis__between(at, goal) <= reach;) {
+    for (p->count = 0; p->count < 5 && p->queries < p->state->options.budget &&
+        pandis__between(at, goal) <= reach;) {
         if (!pandis__look_at(p, at, look)) return -1;
-        if (look->distance >= -sunk && (over || !p->count || look->distance <= *slope * 0.02 * reach)) return 1;
+        if (look->distance >= -sunk &&
+            (over || !p->count || look->distance <= *slope * 0.02 * reach))
+            return 1;
         if (over) { /* too near: use the previous place */
             *look = high;
             return 1;
@@ -57,22 +72,27 @@ PANDIS__ONCE static int pandis__free_place(pandis__proxy *p, const double *goal,
     return over;
 }
 
-/* Take a free ball above a place, at the lift over the planes that hold the proxy there. Returns 1 if the ball joins the
- * last one or holds the proxy, and reaches the place (if `reaches`); else 0; -1: no answer. It must join because an exact
- * object may be thinner than a step, so the path to a free place need not be free. */
+/* Take a free ball above a place, at the lift over the planes that hold the proxy there. Returns 1
+ * if the ball joins the last one or holds the proxy, and reaches the place (if `reaches`); else 0;
+ * -1: no answer. It must join because an exact object may be thinner than a step, so the path to a
+ * free place need not be free. */
 static int pandis__covers(pandis__proxy *p, const double *place, int reaches) {
     pandis__look look;
     double at[3];
     pandis__lifted(p, place, NULL, p->state->lift, at);
     if (!pandis__look_at(p, at, &look)) return -1;
-    if (!(look.free > 0) || (reaches && pandis__between(at, place) > look.free + PANDIS__GAP)) return 0;
-    if (pandis__between(at, p->ball) > p->ball[3] + look.free && pandis__between(at, p->x) >= look.free) return 0;
+    if (!(look.free > 0) || (reaches && pandis__between(at, place) > look.free + PANDIS__GAP))
+        return 0;
+    if (pandis__between(at, p->ball) > p->ball[3] + look.free &&
+        pandis__between(at, p->x) >= look.free)
+        return 0;
     pandis__take_ball(p, &look);
     return 1;
 }
 
-/* Take a free ball that reaches the proxy, whether or not it joins the last one: at the lift or, if there is none, nearer
- * to the proxy and in front of all walls found. Returns 1, or 0 if none was found, -1 if there was no answer. */
+/* Take a free ball that reaches the proxy, whether or not it joins the last one: at the lift or, if
+ * there is none, nearer to the proxy and in front of all walls found. Returns 1, or 0 if none was
+ * found, -1 if there was no answer. */
 PANDIS__ONCE static int pandis__stand(pandis__proxy *p) {
     pandis__contact *c = p->state;
     for (int turn = 0; turn < 4 && p->queries < c->options.budget; turn++) {
@@ -96,10 +116,13 @@ PANDIS__ONCE static int pandis__walk_on(pandis__proxy *p, pandis__way *way, cons
     pandis__plane known[PANDIS__PLANES];
     pandis__look look;
     double slip = -1, clear = 0, slope = 1, side[3] = {0};
-    const int most = c->options.budget - 1; /* one query is left to the hops, which make no progress here */
-    int first = !p->exact, good = 1, anew = 0; /* out of the surface first, if the proxy has sunk in */
+    /* one query is left to the hops, which make no progress here */
+    const int most = c->options.budget - 1;
+    /* out of the surface first, if the proxy has sunk in */
+    int first = !p->exact, good = 1, anew = 0;
     if (p->exact) { /* keep the last ball's height, so that new balls join it */
-        double far = pandis__between(p->ball, p->x), least = fmax(far / PANDIS__FARTHEST, PANDIS__NEAR);
+        double far = pandis__between(p->ball, p->x),
+               least = fmax(far / PANDIS__FARTHEST, PANDIS__NEAR);
         c->lift = fmin(PANDIS__HOVER, fmax(fmin(c->lift, far), least));
         if (far > p->ball[3] + PANDIS__GAP) good = pandis__stand(p);
     }
@@ -112,32 +135,45 @@ PANDIS__ONCE static int pandis__walk_on(pandis__proxy *p, pandis__way *way, cons
         const int count = p->count;
         memcpy(known, p->plane, sizeof known);
         good = pandis__free_place(p, goal, first ? PANDIS__PACE : 3 * pace, &slope, &look);
-        double step = pandis__between(look.at, p->x), behind = 0, nearer = left - pandis__between(look.at, probe);
+        double step = pandis__between(look.at, p->x), behind = 0,
+               nearer = left - pandis__between(look.at, probe);
         for (int k = 0; k < 3; k++) {
             along += (look.at[k] - p->x[k]) * (probe[k] - p->x[k]);
             behind -= (look.at[k] - p->x[k]) * side[k];
         }
         along /= fmax(step, PANDIS__SMALL);
-        double friction = (c->sticks ? way->sticking : way->sliding) * sqrt(fmax(0, left * left - along * along));
+        double friction =
+            (c->sticks ? way->sticking : way->sliding) * sqrt(fmax(0, left * left - along * along));
         if (!p->count) friction = 0;
         if (good == 1 && first) good = p->count > 0;
-        else if (good == 1) good = step <= 3 * pace && along > fmax(friction, PANDIS__LEAN * left) && nearer > 1e-3 * pace;
+        else if (good == 1)
+            good = step <= 3 * pace && along > fmax(friction, PANDIS__LEAN * left) &&
+                nearer > 1e-3 * pace;
         /* a place behind the surface with the opposite normal is a thin wall's other side */
-        if (good == 1 && pace > clear && behind > 0.1 * step && pandis__dot(side, look.normal) < -0.5) good = 0;
-        int apart = 0; /* no ball there joins the last one, although the proxy is in front of the walls seen from there */
+        if (good == 1 && pace > clear && behind > 0.1 * step &&
+            pandis__dot(side, look.normal) < -0.5)
+            good = 0;
+        /* no ball there joins the last one, although the proxy is in front of the walls seen from
+         * there */
+        int apart = 0;
         if (good == 1 && p->exact) {
-            good = p->queries < c->options.budget ? pandis__covers(p, look.at, step > PANDIS__SLIVER) : 0;
+            good = p->queries < c->options.budget
+                ? pandis__covers(p, look.at, step > PANDIS__SLIVER)
+                : 0;
             apart = !good && !anew;
-            for (int i = 0; i < p->count; i++) apart = apart && pandis__height(p->plane + i, p->x) > -PANDIS__ABOVE;
+            for (int i = 0; i < p->count; i++)
+                apart = apart && pandis__height(p->plane + i, p->x) > -PANDIS__ABOVE;
         }
         if (good < 0) return 0;
         double slips = slip < 0 ? way->soft < 1 ? way->soft * (along - friction) : 1e300 : slip;
         if (p->count && !first) share = fmax(0, fmin(1, fmin(slips, way->travel) / step));
         /* part of a long step around an edge may be inside */
-        int cuts = share < 1 && pace > PANDIS__CHORD && step > PANDIS__CHORD && pandis__dot(side, look.normal) < PANDIS__FLAT;
+        int cuts = share < 1 && pace > PANDIS__CHORD && step > PANDIS__CHORD &&
+            pandis__dot(side, look.normal) < PANDIS__FLAT;
         if (good || first) memcpy(side, look.normal, sizeof side);
         if (!good || cuts) {
-            if (apart && p->queries < most) { /* above the proxy and the place, balls over the same planes join */
+            /* above the proxy and the place, balls over the same planes join */
+            if (apart && p->queries < most) {
                 c->lift = PANDIS__NEAR, anew = 1;
                 if (pandis__stand(p) < 0) return 0;
             }
@@ -148,7 +184,8 @@ PANDIS__ONCE static int pandis__walk_on(pandis__proxy *p, pandis__way *way, cons
             clear = 0;
             continue;
         }
-        if (p->count && !first) slip = slips - share * step, way->travel -= share * step, way->slid += share * step;
+        if (p->count && !first)
+            slip = slips - share * step, way->travel -= share * step, way->slid += share * step;
         for (int k = 0; k < 3; k++) p->x[k] += share * (look.at[k] - p->x[k]);
         c->settled = c->close = c->sticks = 0, clear = p->count ? 0 : look.free;
         if (!p->exact) { /* after an empty ball on the surface, the next step looks from above */
@@ -158,39 +195,45 @@ PANDIS__ONCE static int pandis__walk_on(pandis__proxy *p, pandis__way *way, cons
         }
         if (first) continue;
         c->pace = fmin(1.5 * c->pace, PANDIS__PACE);
-        if (p->exact) c->idle = PANDIS__IDLE - 2; /* hops are faster, if they make progress from here */
+        /* hops are faster, if they make progress from here */
+        if (p->exact) c->idle = PANDIS__IDLE - 2;
         if (share < 1) break;
     }
     return 1;
 }
 
 /* Walk, if the proxy is not at rest. 0: no answer. */
-PANDIS__ONCE static int pandis__try_walk(pandis__proxy *p, pandis__way *way, const double *probe, double moved) {
+PANDIS__ONCE static int pandis__try_walk(
+    pandis__proxy *p, pandis__way *way, const double *probe, double moved) {
     pandis__contact *c = p->state;
-    c->rested += 1.0 / PANDIS__AGAIN + moved / fmax(PANDIS__MOVED * pandis__between(probe, p->x), PANDIS__SMALL);
+    c->rested += 1.0 / PANDIS__AGAIN +
+        moved / fmax(PANDIS__MOVED * pandis__between(probe, p->x), PANDIS__SMALL);
     if (c->rested > 1) c->rested = 0, c->pace = fmax(c->pace, PANDIS__PACE / 8);
     return pandis__walk_on(p, way, probe);
 }
 
-/* Go back to a place that was nearer to the probe, if it lies outside. Planes that contradict each other led away from it;
- * without this check, the proxy could circle for ever. 0: no answer. */
+/* Go back to a place that was nearer to the probe, if it lies outside. Planes that contradict each
+ * other led away from it; without this check, the proxy could circle for ever. 0: no answer. */
 PANDIS__ONCE static int pandis__go_back(pandis__proxy *p, const double *place, const double *ball) {
     pandis__look look;
     if (!pandis__look_at(p, place, &look)) return 0;
-    if (look.distance < -fmax(PANDIS__SUNK, p->blur)) return 1; /* the proxy was led out of the surface */
+    /* the proxy was led out of the surface */
+    if (look.distance < -fmax(PANDIS__SUNK, p->blur)) return 1;
     memcpy(p->x, place, 3 * sizeof *place);
     memcpy(p->ball, ball, 5 * sizeof *ball);
     p->count = 0;
     pandis__learn(p, &look, p->x, 0);
-    p->state->lift = fmax(p->state->lift / 4, PANDIS__HOVER / 64); /* from nearer, planes of a round surface fit better */
+    /* from nearer, planes of a round surface fit better */
+    p->state->lift = fmax(p->state->lift / 4, PANDIS__HOVER / 64);
     return 1;
 }
 
-/* Bring the proxy as near to the probe as it can: by hops, or by a walk if hops make no progress. `moved`: the probe's motion.
- * 0: no answer. */
+/* Bring the proxy as near to the probe as it can: by hops, or by a walk if hops make no progress.
+ * `moved`: the probe's motion. 0: no answer. */
 static int pandis__come(pandis__proxy *p, pandis__way *way, const double *probe, double moved) {
     pandis__contact *c = p->state;
-    const double creep = PANDIS__CREEP * way->travel, least = p->exact ? PANDIS__GAIN_EXACT : PANDIS__GAIN * way->travel;
+    const double creep = PANDIS__CREEP * way->travel,
+                 least = p->exact ? PANDIS__GAIN_EXACT : PANDIS__GAIN * way->travel;
     if (c->idle < PANDIS__IDLE) c->rested = 1;
     /* the short steps of a walk do not follow a probe that is faster than the proxy may move */
     else if (moved < 0.5 * way->travel && !pandis__try_walk(p, way, probe, moved)) return 0;
@@ -205,8 +248,11 @@ static int pandis__come(pandis__proxy *p, pandis__way *way, const double *probe,
         left += (probe[k] - p->x[k]) * (probe[k] - p->x[k]);
     }
     int creeps = p->exact && moved * moved < gone && gone < creep * creep;
-    int nowhere = left > PANDIS__SMALL * PANDIS__SMALL && (gone < least * least || creeps || apart <= left);
-    if (apart < (1 - 1e-9) * left && p->queries <= c->options.budget + 1 && !pandis__go_back(p, before, ball)) return 0;
+    int nowhere =
+        left > PANDIS__SMALL * PANDIS__SMALL && (gone < least * least || creeps || apart <= left);
+    if (apart < (1 - 1e-9) * left && p->queries <= c->options.budget + 1 &&
+        !pandis__go_back(p, before, ball))
+        return 0;
     c->idle += nowhere ? 2 * (c->idle < PANDIS__IDLE) : -(c->idle > 0);
     return 1;
 }

@@ -19,10 +19,10 @@
 
 typedef pandis__layout Layout;
 
-/* ---------------------------------------------------------------- dense */
+/* -------------------- dense */
 
-void spline_dense_evaluate(int32_t size, double low, double per_step, const float *coefficients, const double *points,
-                           int64_t count, double *value, double *gradient) {
+void spline_dense_evaluate(int32_t size, double low, double per_step, const float *coefficients,
+    const double *points, int64_t count, double *value, double *gradient) {
     for (int64_t i = 0; i < count; i++) {
         int first[3];
         double w[3][4], dw[3][4], *g = gradient + 3 * i;
@@ -36,8 +36,8 @@ void spline_dense_evaluate(int32_t size, double low, double per_step, const floa
 
 /* Add residuals of value and gradient at points to `sums`, one for each of the size^3 coefficients:
  * the transpose of the above. */
-void spline_dense_adjoint(int32_t size, double low, double per_step, const double *points, int64_t count,
-                          const double *value, const double *gradient, double *sums) {
+void spline_dense_adjoint(int32_t size, double low, double per_step, const double *points,
+    int64_t count, const double *value, const double *gradient, double *sums) {
     for (int64_t i = 0; i < count; i++) {
         int first[3];
         double w[3][4], dw[3][4], f[4], gx[4], gy[4];
@@ -49,14 +49,15 @@ void spline_dense_adjoint(int32_t size, double low, double per_step, const doubl
         }
         for (int x = 0; x < 4; x++)
             for (int y = 0; y < 4; y++) {
-                double *row = sums + ((ptrdiff_t)(first[0] + x) * size + first[1] + y) * size + first[2];
+                double *row =
+                    sums + ((ptrdiff_t)(first[0] + x) * size + first[1] + y) * size + first[2];
                 double a = w[0][x] * w[1][y], b = dw[0][x] * w[1][y], c = w[0][x] * dw[1][y];
                 for (int z = 0; z < 4; z++) row[z] += a * f[z] + b * gx[z] + c * gy[z];
             }
     }
 }
 
-/* ---------------------------------------------------------------- sparse */
+/* -------------------- sparse */
 
 /* Find the 64 coefficients around a point; those that are not stored get the index `blank`.
  * Returns 0 if none is stored, 1 if some are, 2 if all are. */
@@ -70,7 +71,8 @@ static int locate(const pandis__layout *l, const int *first, int32_t blank, int3
     for (int i = 0; i < blocks[0]; i++)
         for (int j = 0; j < blocks[1]; j++)
             for (int k = 0; k < blocks[2]; k++) {
-                int32_t at = pandis__block(l, (first[0] >> 1) + i, (first[1] >> 1) + j, (first[2] >> 1) + k);
+                int32_t at =
+                    pandis__block(l, (first[0] >> 1) + i, (first[1] >> 1) + j, (first[2] >> 1) + k);
                 start[i][j][k] = at;
                 found |= at >= 0, missing |= at < 0;
             }
@@ -79,7 +81,8 @@ static int locate(const pandis__layout *l, const int *first, int32_t blank, int3
         for (int y = 0; y < 4; y++)
             for (int z = 0; z < 4; z++) {
                 int32_t at = start[own[0][x]][own[1][y]][own[2][z]];
-                int c = ((first[0] + x) & 1) << 2 | ((first[1] + y) & 1) << 1 | ((first[2] + z) & 1);
+                int c =
+                    ((first[0] + x) & 1) << 2 | ((first[1] + y) & 1) << 1 | ((first[2] + z) & 1);
                 index[(x * 4 + y) * 4 + z] = at < 0 ? blank : at + c;
             }
     return missing ? 1 : 2;
@@ -87,8 +90,8 @@ static int locate(const pandis__layout *l, const int *first, int32_t blank, int3
 
 /* Add values and gradients at points; coefficients that are not stored count as zero. `kept` gets
  * the result of locate for each point; coefficients[blank] must be 0. */
-void spline_evaluate(const Layout *l, const float *coefficients, int32_t blank, const double *points, int64_t count,
-                     double *value, double *gradient, uint8_t *kept) {
+void spline_evaluate(const Layout *l, const float *coefficients, int32_t blank,
+    const double *points, int64_t count, double *value, double *gradient, uint8_t *kept) {
     for (int64_t i = 0; i < count; i++) {
         int first[3];
         int32_t index[64];

@@ -10,14 +10,25 @@
 /* The layouts that Python mirrors. */
 const layout_entry *contact_layout(void) {
     static const layout_entry entries[] = {
-        LAYOUT_TYPE(pandis_contact_options), LAYOUT(pandis_contact_options, radius), LAYOUT(pandis_contact_options, slide),
-        LAYOUT(pandis_contact_options, budget), LAYOUT(pandis_contact_options, materials),
-        LAYOUT(pandis_contact_options, material_count), LAYOUT(pandis_contact_options, texture),
+        LAYOUT_TYPE(pandis_contact_options),
+        LAYOUT(pandis_contact_options, radius),
+        LAYOUT(pandis_contact_options, slide),
+        LAYOUT(pandis_contact_options, budget),
+        LAYOUT(pandis_contact_options, materials),
+        LAYOUT(pandis_contact_options, material_count),
+        LAYOUT(pandis_contact_options, texture),
         LAYOUT(pandis_contact_options, regions),
-        LAYOUT_TYPE(pandis_material), LAYOUT(pandis_material, sticking), LAYOUT(pandis_material, sliding),
-        LAYOUT(pandis_material, damping), LAYOUT(pandis_material, drag),
-        LAYOUT_TYPE(pandis_texture), LAYOUT(pandis_texture, height), LAYOUT(pandis_texture, data),
-        LAYOUT(pandis_texture, most), LAYOUT(pandis_texture, steepest), LAYOUT_END,
+        LAYOUT_TYPE(pandis_material),
+        LAYOUT(pandis_material, sticking),
+        LAYOUT(pandis_material, sliding),
+        LAYOUT(pandis_material, damping),
+        LAYOUT(pandis_material, drag),
+        LAYOUT_TYPE(pandis_texture),
+        LAYOUT(pandis_texture, height),
+        LAYOUT(pandis_texture, data),
+        LAYOUT(pandis_texture, most),
+        LAYOUT(pandis_texture, steepest),
+        LAYOUT_END,
     };
     return entries;
 }
@@ -41,8 +52,8 @@ static void put(const contact_rows *rows, size_t i, const pandis_touch *touch) {
 }
 
 /* Step along a path of positions (three doubles each), `dt` seconds apart. */
-void contact_follow(pandis_contact *contact, const pandis_object *object, const double *path, size_t count, double dt,
-                    const contact_rows *rows) {
+void contact_follow(pandis_contact *contact, const pandis_object *object, const double *path,
+    size_t count, double dt, const contact_rows *rows) {
     pandis_touch touch;
     for (size_t i = 0; i < count; i++) {
         double start = rows->seconds ? seconds() : 0;
@@ -52,22 +63,23 @@ void contact_follow(pandis_contact *contact, const pandis_object *object, const 
     }
 }
 
-/* Step a scene's contacts along a path: forces (three doubles each), flags, queries and objects touched, for each step;
- * with `taken` also its duration, s. */
-void contact_scene_follow(pandis_scene *scene, const double *path, size_t count, double dt, double *forces,
-                          unsigned char *flags, int64_t *asked, int64_t *touched, double *taken) {
+/* Step a scene's contacts along a path: forces (three doubles each), flags, queries and objects
+ * touched, for each step; with `taken` also its duration, s. */
+void contact_scene_follow(pandis_scene *scene, const double *path, size_t count, double dt,
+    double *forces, unsigned char *flags, int64_t *asked, int64_t *touched, double *taken) {
     for (size_t i = 0; i < count; i++) {
         size_t many;
         double start = taken ? seconds() : 0;
-        flags[i] = (unsigned char)pandis_scene_touch(scene, path + 3 * i, dt, forces + 3 * i, NULL, 0, &many);
+        flags[i] = (unsigned char)pandis_scene_touch(
+            scene, path + 3 * i, dt, forces + 3 * i, NULL, 0, &many);
         if (taken) taken[i] = seconds() - start;
         asked[i] = (int64_t)pandis_scene_queries(scene), touched[i] = (int64_t)many;
     }
 }
 
 /* Make one more step and store at most `most` touches; returns how many there are. */
-size_t contact_scene_touches(pandis_scene *scene, const double *position, double dt, const contact_rows *rows,
-                             int32_t *objects, pandis_touch *room, size_t most) {
+size_t contact_scene_touches(pandis_scene *scene, const double *position, double dt,
+    const contact_rows *rows, int32_t *objects, pandis_touch *room, size_t most) {
     double force[3];
     size_t touched;
     (void)pandis_scene_touch(scene, position, dt, force, room, most, &touched);
@@ -80,8 +92,8 @@ size_t contact_scene_touches(pandis_scene *scene, const double *position, double
 }
 
 /* The same forces, stepping every object's contact at every step. */
-void contact_step_all(const pandis_object *objects, pandis_contact *contacts, size_t objects_count, const double *path,
-                      size_t count, double dt, double *forces) {
+void contact_step_all(const pandis_object *objects, pandis_contact *contacts, size_t objects_count,
+    const double *path, size_t count, double dt, double *forces) {
     pandis_touch touch;
     for (size_t i = 0; i < count; i++) {
         double *sum = forces + 3 * i;

@@ -1,30 +1,34 @@
-/* A bridge between a haptic loop and a simulation on another thread that moves the objects of its scene.
+/* A bridge between a haptic loop and a simulation on another thread that moves the objects of its
+ * scene.
  *
- * For each object the loop sums impulse and angular impulse about the scene's origin since the run began. The simulation
- * reads the latest complete sums and subtracts those that it read before, so that nothing is lost or counted twice,
- * whatever the two rates are. Neither waits: three slots change hands, as for poses (parts/poses.h).
+ * For each object the loop sums impulse and angular impulse about the scene's origin since the run
+ * began. The simulation reads the latest complete sums and subtracts those that it read before, so
+ * that nothing is lost or counted twice, whatever the two rates are. Neither waits: three slots
+ * change hands, as for poses (parts/poses.h).
  *
- * Each frame of poses comes with every object's response to a push, and with the sums that the frame accounts for. Until
- * the next frame the loop moves an object by the impulse given since, according to its inertia. Otherwise objects would
- * give way late, and that delay would add energy.
+ * Each frame of poses comes with every object's response to a push, and with the sums that the
+ * frame accounts for. Until the next frame the loop moves an object by the impulse given since,
+ * according to its inertia. Otherwise objects would give way late, and that delay would add energy.
  */
 #ifndef BRIDGE_H
 #define BRIDGE_H
 
 #include <string.h>
 
-/* Periods that objects may wait for the simulation. Impulses given later are dropped: all at once they would be a
- * blow. */
+/* Periods that objects may wait for the simulation. Impulses given later are dropped: all at once
+ * they would be a blow. */
 #define BRIDGE_WAITS 4
 
-/* Numbers per object: impulse (N s) and angular impulse (N m s); and of a pose: quaternion and translation. */
+/* Numbers per object: impulse (N s) and angular impulse (N m s); and of a pose: quaternion and
+ * translation. */
 enum { BRIDGE_SUMS = 6, BRIDGE_POSE = 7 };
 
 /* Data of an object that comes with a frame. */
 typedef struct {
-    double answer[BRIDGE_SUMS * BRIDGE_SUMS]; /* velocity (m/s, rad/s) per impulse, at the centre of mass */
-    double middle[3];                         /* the centre of mass */
-    double known[BRIDGE_SUMS];                /* the sums that the frame's motion accounts for */
+    /* velocity (m/s, rad/s) per impulse, at the centre of mass */
+    double answer[BRIDGE_SUMS * BRIDGE_SUMS];
+    double middle[3];          /* the centre of mass */
+    double known[BRIDGE_SUMS]; /* the sums that the frame's motion accounts for */
 } bridge_frame;
 
 typedef struct {
@@ -59,10 +63,13 @@ static void bridge_begin(bridge *b, pandis_poses *handle, size_t count, double *
 /* The pose of an object: on its way between frames, displaced by the hand. */
 static void bridge_place(const bridge *b, size_t object, double *pose) {
     const pandis__poses *poses = b->poses;
-    const double *from = pandis__way_of(poses, object), *to = from + BRIDGE_POSE, *gone = b->gone + BRIDGE_SUMS * object;
+    const double *from = pandis__way_of(poses, object), *to = from + BRIDGE_POSE,
+                 *gone = b->gone + BRIDGE_SUMS * object;
     const bridge_frame *frame = b->frames + (size_t)poses->asking * b->count + object;
-    double share = poses->gone < poses->period ? poses->gone / poses->period : 1, turn[4], way[4], arm[3], more[3];
-    for (int k = 0; k < BRIDGE_POSE; k++) pose[k] = share < 1 ? from[k] + share * (to[k] - from[k]) : to[k];
+    double share = poses->gone < poses->period ? poses->gone / poses->period : 1, turn[4], way[4],
+           arm[3], more[3];
+    for (int k = 0; k < BRIDGE_POSE; k++)
+        pose[k] = share < 1 ? from[k] + share * (to[k] - from[k]) : to[k];
     pandis__unit_turn(pose);
     pandis__spun(gone + 3, 1, turn);
     pandis__turn_by(turn, pose, way), memcpy(pose, way, sizeof way);
@@ -74,7 +81,8 @@ static void bridge_place(const bridge *b, size_t object, double *pose) {
 /* Advance the objects by a tick. A new way begins where the hand has moved the object. */
 static void bridge_advance(bridge *b, pandis_scene *scene, double dt) {
     pandis__poses *poses = b->poses;
-    double pose[BRIDGE_POSE], step = poses->gone < poses->period ? dt : 0; /* if the simulation is late, objects wait */
+    /* if the simulation is late, objects wait */
+    double pose[BRIDGE_POSE], step = poses->gone < poses->period ? dt : 0;
     int is_new = pandis__poses_go(poses, scene, dt);
     if (is_new) step = dt;
     b->late = step > 0 ? 0 : b->late + dt;
@@ -85,13 +93,16 @@ static void bridge_advance(bridge *b, pandis_scene *scene, double dt) {
         if (is_new && moved > 0) {
             double now = poses->gone;
             poses->gone = 0, bridge_place(b, i, pose), poses->gone = now;
-            memcpy(pandis__way_of(poses, i), pose, sizeof pose), memset(gone, 0, BRIDGE_SUMS * sizeof *gone);
+            memcpy(pandis__way_of(poses, i), pose, sizeof pose),
+                memset(gone, 0, BRIDGE_SUMS * sizeof *gone);
         }
-        for (int k = 0; k < BRIDGE_SUMS; k++) given[k] = b->sums[BRIDGE_SUMS * i + (size_t)k] - frame->known[k];
+        for (int k = 0; k < BRIDGE_SUMS; k++)
+            given[k] = b->sums[BRIDGE_SUMS * i + (size_t)k] - frame->known[k];
         pandis__cross(frame->middle, given, turned);
         for (int k = 0; k < 3; k++) given[3 + k] -= turned[k];
         for (int k = 0; k < BRIDGE_SUMS; k++) {
-            for (int j = 0; j < BRIDGE_SUMS; j++) gone[k] += step * frame->answer[BRIDGE_SUMS * k + j] * given[j];
+            for (int j = 0; j < BRIDGE_SUMS; j++)
+                gone[k] += step * frame->answer[BRIDGE_SUMS * k + j] * given[j];
             moved += fabs(gone[k]);
         }
         if (!(moved > 0)) continue;
@@ -102,17 +113,19 @@ static void bridge_advance(bridge *b, pandis_scene *scene, double dt) {
     }
 }
 
-/* Advance the objects by a tick, and record how far that carries the touched ones: energy that the hand gets from their
- * motion is not the contact's fault. */
+/* Advance the objects by a tick, and record how far that carries the touched ones: energy that the
+ * hand gets from their motion is not the contact's fault. */
 static void bridge_move(bridge *b, pandis_scene *scene, double dt) {
     double force[3] = {0}, work = 0, size;
-    for (size_t i = 0; i < b->touched; i++) { /* t->normal: the proxy in its object's axes, scene lengths */
+    /* t->normal: the proxy in its object's axes, scene lengths */
+    for (size_t i = 0; i < b->touched; i++) {
         pandis_touch *t = b->touches + i;
         const pandis_object *o = b->poses->objects + t->object;
         double arm[3];
         for (int k = 0; k < 3; k++) arm[k] = t->proxy[k] - o->translation[k];
         for (int k = 0; k < 3; k++)
-            t->normal[k] = o->rotation[k] * arm[0] + o->rotation[3 + k] * arm[1] + o->rotation[6 + k] * arm[2];
+            t->normal[k] =
+                o->rotation[k] * arm[0] + o->rotation[3 + k] * arm[1] + o->rotation[6 + k] * arm[2];
     }
     bridge_advance(b, scene, dt);
     for (size_t i = 0; i < b->touched; i++) {
@@ -127,7 +140,8 @@ static void bridge_move(bridge *b, pandis_scene *scene, double dt) {
     for (int k = 0; k < 3; k++) b->carried[k] = size > 0 ? work / size * force[k] : 0;
 }
 
-/* Give each touched object the opposite of the hand's force, scaled by the share that the guard lets through. */
+/* Give each touched object the opposite of the hand's force, scaled by the share that the guard
+ * lets through. */
 static void bridge_give(bridge *b, size_t touched, double share, double dt) {
     b->touched = touched < b->count ? touched : b->count;
     for (size_t i = 0; i < b->touched && b->late <= BRIDGE_WAITS * b->poses->period; i++) {
@@ -137,14 +151,17 @@ static void bridge_give(bridge *b, size_t touched, double share, double dt) {
         pandis__cross(t->proxy, force, moment); /* the force acts at the proxy, not at the hand */
         for (int k = 0; k < 3; k++) sums[k] += force[k], sums[3 + k] += moment[k];
     }
-    memcpy(b->slots + BRIDGE_SUMS * b->count * (size_t)b->writing, b->sums, BRIDGE_SUMS * b->count * sizeof *b->sums);
+    memcpy(b->slots + BRIDGE_SUMS * b->count * (size_t)b->writing, b->sums,
+        BRIDGE_SUMS * b->count * sizeof *b->sums);
     b->writing = pandis__exchange(&b->waiting, b->writing | PANDIS__NEW) & 3;
 }
 
 /* The sums of all objects that the loop handed over last. */
 static void bridge_read(bridge *b, double *sums) {
-    if (pandis__peek(&b->waiting) & PANDIS__NEW) b->reading = pandis__exchange(&b->waiting, b->reading) & 3;
-    memcpy(sums, b->slots + BRIDGE_SUMS * b->count * (size_t)b->reading, BRIDGE_SUMS * b->count * sizeof *sums);
+    if (pandis__peek(&b->waiting) & PANDIS__NEW)
+        b->reading = pandis__exchange(&b->waiting, b->reading) & 3;
+    memcpy(sums, b->slots + BRIDGE_SUMS * b->count * (size_t)b->reading,
+        BRIDGE_SUMS * b->count * sizeof *sums);
 }
 
 #endif

@@ -1,9 +1,9 @@
 /* Forces on a haptic device: on OpenHaptics, loaded when a run begins, or on the simulated device.
  *
- * At every tick the force of a scene of pandis.h, in metres and newtons of the device's workspace, passes the
- * guard (guard.h) and is sent. After any error the force is zero from that tick on, and the run ends. It also
- * ends when ticks come too late, when the program is interrupted, and after the last tick. Unless the run is
- * armed, positions are only read, and no force is ever sent.
+ * At every tick the force of a scene of pandis.h, in metres and newtons of the device's workspace,
+ * passes the guard (guard.h) and is sent. After any error the force is zero from that tick on, and
+ * the run ends. It also ends when ticks come too late, when the program is interrupted, and after
+ * the last tick. Unless the run is armed, positions are only read, and no force is ever sent.
  */
 #define _GNU_SOURCE
 #define PANDIS_IMPLEMENTATION
@@ -20,9 +20,11 @@
 #include <stdio.h>
 #include <time.h>
 
-/* RELEASE: ticks of zero force before a run releases the device. LOOK: interval of the watchdog's checks, ns. */
+/* RELEASE: ticks of zero force before a run releases the device. LOOK: interval of the watchdog's
+ * checks, ns. */
 #define RELEASE 5
-#define SLOWEST 0.004 /* s between two calls: at longer intervals walls give a light hand more than a millijoule */
+/* s between two calls: at longer intervals walls give a light hand more than a millijoule */
+#define SLOWEST 0.004
 #define LOOK 1000000
 
 static double client_now(void) {
@@ -40,15 +42,20 @@ typedef struct {
     int overruns;            /* this many in a row end the run */
     double gap;              /* s; calls further apart, or a call that takes longer, end the run */
     double patience;         /* s without a call until the watchdog ends the run */
-    double expected;         /* N: refuse a device whose largest force differs by more than a tenth; 0: any */
+    /* N: refuse a device whose largest force differs by more than a tenth; 0: any */
+    double expected;
     int armed;
     long long ticks;
-    double *positions, *forces, *taken, *since; /* per tick: m, N, s of computing, s since the last call */
+    /* per tick: m, N, s of computing, s since the last call */
+    double *positions, *forces, *taken, *since;
     double *proxies; /* per tick: proxy on the first touched object; else the position, m */
-    bridge *bridge;  /* to a simulation that moves the scene's objects, or NULL; needs a scene with contacts */
-    int (*between)(void); /* called every `every` ticks, in simulated time only; nonzero ends the run */
-    int every, held;      /* ticks between these calls; ticks for which each force is held */
-    int (*watch)(void);   /* starts a watchdog process once the device is open; 0: it could not; or NULL */
+    /* to a simulation that moves the scene's objects, or NULL; needs a scene with contacts */
+    bridge *bridge;
+    /* called every `every` ticks, in simulated time only; nonzero ends the run */
+    int (*between)(void);
+    int every, held; /* ticks between these calls; ticks for which each force is held */
+    /* starts a watchdog process once the device is open; 0: it could not; or NULL */
+    int (*watch)(void);
     watchdog_pulse *pulse; /* shared with that process, or NULL */
 } client_order;
 
@@ -66,8 +73,8 @@ typedef struct {
     char why[256];
 } client_outcome;
 
-/* Static, with a copy of the order, because a callback that hangs may outlive its run. In that case the order's
- * targets must stay alive, and no other run may begin. */
+/* Static, with a copy of the order, because a callback that hangs may outlive its run. In that case
+ * the order's targets must stay alive, and no other run may begin. */
 static struct {
     device device;
     device_spec spec;
@@ -117,8 +124,11 @@ static void client_ask(const double *position, double *force, double *proxy) {
     for (int k = 0; k < 3; k++) place[k] = position[k] - client.middle[k];
     if (b) bridge_move(b, scene, dt);
     client.touched = 0;
-    if (b) flag = pandis_scene_touch(scene, place, dt, force, b->touches, b->count, &client.touched), touch = *b->touches;
-    else if (contacts) flag = pandis_scene_touch(scene, place, dt, force, &touch, 1, &client.touched);
+    if (b)
+        flag = pandis_scene_touch(scene, place, dt, force, b->touches, b->count, &client.touched),
+        touch = *b->touches;
+    else if (contacts)
+        flag = pandis_scene_touch(scene, place, dt, force, &touch, 1, &client.touched);
     else flag = pandis_scene_force(scene, place, force);
     if (flag == PANDIS_INVALID) guard_end(&client.guard, CAUSE_NUMBER);
     for (int k = 0; client.touched && k < 3; k++) proxy[k] = touch.proxy[k] + client.middle[k];
@@ -134,7 +144,8 @@ static int client_tick(void *data) {
     (void)data;
     client_ticking = pthread_self();
     __atomic_store_n(&client.inside, 1, __ATOMIC_SEQ_CST);
-    if (__atomic_load_n(&client.cancelled, __ATOMIC_SEQ_CST) == CAUSE_WATCHDOG) { /* the device has been released */
+    /* the device has been released */
+    if (__atomic_load_n(&client.cancelled, __ATOMIC_SEQ_CST) == CAUSE_WATCHDOG) {
         __atomic_store_n(&client.inside, 0, __ATOMIC_SEQ_CST);
         return 0;
     }
@@ -149,7 +160,8 @@ static int client_tick(void *data) {
     double proxy[3];
     memcpy(proxy, state.position, sizeof proxy);
     int asks = !g->cause && tick < order->ticks;
-    if (asks && order->between && tick % order->every == 0 && order->between()) guard_end(g, CAUSE_INTERRUPTED), asks = 0;
+    if (asks && order->between && tick % order->every == 0 && order->between())
+        guard_end(g, CAUSE_INTERRUPTED), asks = 0;
     int due = asks && tick % order->held == 0;
     if (due) client_ask(state.position, client.asked, proxy);
     if (asks) memcpy(force, client.asked, sizeof force);
@@ -160,15 +172,18 @@ static int client_tick(void *data) {
     /* after the last tick no field is queried, and that zero force must not arm the guard */
     double asked[3], size = pandis__dot(force, force);
     memcpy(asked, force, sizeof asked);
-    for (int k = 0; k < 3; k++) g->carried[k] = order->bridge && due ? order->bridge->carried[k] : 0;
+    for (int k = 0; k < 3; k++)
+        g->carried[k] = order->bridge && due ? order->bridge->carried[k] : 0;
     guard_pass(g, &state, since, order->armed && (tick < order->ticks || g->armed), force);
     if (order->bridge && asks) {
-        double share = size > 0 ? pandis__dot(asked, force) / size : 0; /* the guard may have reduced it */
+        /* the guard may have reduced it */
+        double share = size > 0 ? pandis__dot(asked, force) / size : 0;
         bridge_give(order->bridge, client.touched, fmin(fmax(share, 0), 1), order->period);
     }
     client.device.write(&client.device, force, NULL);
     client_errors();
-    if (g->cause && length_of(force) > 0) { /* this write caused an error: there may be no other tick */
+    /* this write caused an error: there may be no other tick */
+    if (g->cause && length_of(force) > 0) {
         client.device.output(&client.device, 0);
         force[0] = force[1] = force[2] = 0;
         memcpy(g->sent, force, sizeof force);
@@ -199,7 +214,8 @@ static void *client_pull(void *none) {
         if (due.tv_nsec >= 1000000000) due.tv_nsec -= 1000000000, due.tv_sec++;
         struct timespec now;
         clock_gettime(CLOCK_MONOTONIC, &now); /* do not catch up after a late tick */
-        if (now.tv_sec > due.tv_sec || (now.tv_sec == due.tv_sec && now.tv_nsec > due.tv_nsec)) due = now;
+        if (now.tv_sec > due.tv_sec || (now.tv_sec == due.tv_sec && now.tv_nsec > due.tv_nsec))
+            due = now;
         clock_nanosleep(CLOCK_MONOTONIC, TIMER_ABSTIME, &due, NULL);
     }
     return none;
@@ -239,34 +255,44 @@ static int client_meet(client_outcome *outcome) {
     outcome->spec = *spec;
     if (spec->force > 0) limits->force = fmin(limits->force, spec->force);
     if (spec->continuous > 0)
-        limits->continuous = limits->continuous > 0 ? fmin(limits->continuous, spec->continuous) : spec->continuous;
+        limits->continuous =
+            limits->continuous > 0 ? fmin(limits->continuous, spec->continuous) : spec->continuous;
     if (spec->speed > 0) limits->speed = fmin(limits->speed, spec->speed);
-    if (spec->impulse > 0) limits->impulse = fmin(limits->impulse, spec->impulse * order->period * 1e3);
+    if (spec->impulse > 0)
+        limits->impulse = fmin(limits->impulse, spec->impulse * order->period * 1e3);
     limits->step = fmin(limits->step, limits->impulse);
     for (int k = 0; k < 3; k++)
         client.middle[k] = spec->high[k] > spec->low[k] ? (spec->low[k] + spec->high[k]) / 2 : 0;
     if (spec->has_switch) limits->needs |= NEEDS_SWITCH;
     if (order->armed && client.device.start && order->period > SLOWEST)
-        client_fail(outcome, CAUSE_DEVICE, "forces need a call every 4 ms, and this device calls less often");
-    else if (order->expected > 0 && (order->armed || spec->force > 0) && !(fabs(spec->force / order->expected - 1) <= 0.1))
-        client_fail(outcome, CAUSE_DEVICE, "its largest force is that of another model: set hardware.attached.model");
+        client_fail(outcome, CAUSE_DEVICE,
+            "forces need a call every 4 ms, and this device calls less often");
+    else if (order->expected > 0 && (order->armed || spec->force > 0) &&
+        !(fabs(spec->force / order->expected - 1) <= 0.1))
+        client_fail(outcome, CAUSE_DEVICE,
+            "its largest force is that of another model: set hardware.attached.model");
     else if (spec->rate > 0 && fabs(spec->rate * order->period - 1) > 0.1)
         client_fail(outcome, CAUSE_DEVICE, "it runs at another rate than requested");
     else if (order->armed && client.device.calibrated(&client.device) != DEVICE_CALIBRATED)
-        client_fail(outcome, CAUSE_CALIBRATION, "calibrate it with its maker's program, or put the stylus into its inkwell");
+        client_fail(outcome, CAUSE_CALIBRATION,
+            "calibrate it with its maker's program, or put the stylus into its inkwell");
     outcome->limits = *limits;
     return !outcome->cause;
 }
 
 /* Warn, before a force is sent, of a hazard that this process cannot prevent. */
 static void client_warn(void) {
-    fputs("pandis: forces are sent from now on. No second process could take the device (the library refused it, or it did not\n"
-          "start in time), so nothing else can end them: if this process is killed (SIGKILL) or halted (SIGSTOP, a debugger),\n"
-          "the motors hold the last force. Keep the device's switch or its plug within reach.\n", stderr);
+    fputs("pandis: forces are sent from now on. No second process could take the device (the "
+          "library refused it, or it did not\n"
+          "start in time), so nothing else can end them: if this process is killed (SIGKILL) or "
+          "halted (SIGSTOP, a debugger),\n"
+          "the motors hold the last force. Keep the device's switch or its plug within reach.\n",
+        stderr);
 }
 
 /* Run an order on a device, and release the device whatever happens. */
-static int client_run(const device *made, const char *name, const client_order *order, client_outcome *outcome) {
+static int client_run(
+    const device *made, const char *name, const client_order *order, client_outcome *outcome) {
     pthread_t pulling;
     int pulled = 0;
     client.device = *made, client.order = *order;
@@ -291,7 +317,7 @@ static int client_run(const device *made, const char *name, const client_order *
     else client.code = code, __atomic_store_n(&client.cancelled, CAUSE_DEVICE, __ATOMIC_SEQ_CST);
     d->output(d, 0); /* first, so that the motors are off even if something hangs */
     outcome->hangs = __atomic_load_n(&client.inside, __ATOMIC_SEQ_CST) &&
-                     __atomic_load_n(&client.cancelled, __ATOMIC_SEQ_CST) == CAUSE_WATCHDOG;
+        __atomic_load_n(&client.cancelled, __ATOMIC_SEQ_CST) == CAUSE_WATCHDOG;
     if (!outcome->hangs) { /* otherwise stopping would block for ever */
         if (pulled) pthread_join(pulling, NULL);
         d->stop(d);
@@ -304,7 +330,8 @@ static int client_run(const device *made, const char *name, const client_order *
     /* a simulated device does not know that touched objects move */
     outcome->worst = client_real() || order->bridge ? g->energy.worst : simulated.energy.worst;
     outcome->strongest = g->strongest, outcome->steepest = g->steepest, outcome->added = g->added;
-    outcome->fastest = g->fastest, outcome->cut = g->cut, outcome->slowed = g->slowed, outcome->damped = g->damped;
+    outcome->fastest = g->fastest, outcome->cut = g->cut, outcome->slowed = g->slowed,
+    outcome->damped = g->damped;
     outcome->armed_at = g->armed_at, outcome->signs = g->signs;
     return outcome->cause;
 }
@@ -314,12 +341,14 @@ static int client_begin(client_outcome *outcome) {
     int state = CLIENT_FREE;
     memset(outcome, 0, sizeof *outcome);
     outcome->armed_at = -1;
-    if (__atomic_compare_exchange_n(&client_state, &state, CLIENT_TAKEN, 0, __ATOMIC_SEQ_CST, __ATOMIC_SEQ_CST)) {
+    if (__atomic_compare_exchange_n(
+            &client_state, &state, CLIENT_TAKEN, 0, __ATOMIC_SEQ_CST, __ATOMIC_SEQ_CST)) {
         memset(&client, 0, sizeof client);
         return 0;
     }
     if (state == CLIENT_TAKEN) return client_fail(outcome, CAUSE_BUSY, "");
-    return client_fail(outcome, CAUSE_WATCHDOG, "the last run's callback never returned: restart the program");
+    return client_fail(
+        outcome, CAUSE_WATCHDOG, "the last run's callback never returned: restart the program");
 }
 
 /* Let another run begin, unless a callback of this one may still be running. */
@@ -330,9 +359,10 @@ static int client_end(const client_outcome *outcome) {
 
 #include "signals.h"
 
-/* Run an order on OpenHaptics, or on a stand-in, which must export the symbol `pandis_stand_in`. During the run,
- * signals that would end or stop the program first end the run with zero force. */
-int client_device(const char *library, const char *name, const client_order *order, client_outcome *outcome) {
+/* Run an order on OpenHaptics, or on a stand-in, which must export the symbol `pandis_stand_in`.
+ * During the run, signals that would end or stop the program first end the run with zero force. */
+int client_device(
+    const char *library, const char *name, const client_order *order, client_outcome *outcome) {
     hd_api found;
     device made;
     void *handle = NULL;
@@ -348,11 +378,12 @@ int client_device(const char *library, const char *name, const client_order *ord
     return client_end(outcome);
 }
 
-/* Run an order on the simulated device. `start` (3,): initial position, m. `rest`, `press`: per tick, the hand's
- * rest position (m) and force (N). `path`: per tick, the device's true position at its end (m). With `clock` the
- * client's clock drives it, like a device without a scheduler. */
-int client_simulated(const simulated_spec *spec, const double *start, const double *rest, const double *press,
-                     double *path, int clock, const client_order *order, client_outcome *outcome) {
+/* Run an order on the simulated device. `start` (3,): initial position, m. `rest`, `press`: per
+ * tick, the hand's rest position (m) and force (N). `path`: per tick, the device's true position at
+ * its end (m). With `clock` the client's clock drives it, like a device without a scheduler. */
+int client_simulated(const simulated_spec *spec, const double *start, const double *rest,
+    const double *press, double *path, int clock, const client_order *order,
+    client_outcome *outcome) {
     device made;
     if (client_begin(outcome)) return outcome->cause;
     outcome->simulated = 1;

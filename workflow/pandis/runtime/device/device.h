@@ -1,12 +1,13 @@
 /* The interface of every haptic device to the client, whoever made it.
  *
  * Lengths are in metres, forces in newtons and times in seconds, whatever the units of the maker's
- * library. Time is driven in one of two ways. A device with its own scheduler (*callback*) has `start`: it
- * calls the tick passed to it until that returns 0. Every other device (*pull*) leaves `start` empty. The
- * client then calls the tick at the device's rate, by its own clock. If the device has `next`, the client
- * calls tick and `next` in turn, without a clock: that is the simulated device, in simulated time.
- * Implementations: the simulated device (simulated.h) and OpenHaptics' HDAPI (hd.h). The guard and its
- * energy observer are in front of this interface, in client.c, so that no device bypasses them.
+ * library. Time is driven in one of two ways. A device with its own scheduler (*callback*) has
+ * `start`: it calls the tick passed to it until that returns 0. Every other device (*pull*) leaves
+ * `start` empty. The client then calls the tick at the device's rate, by its own clock. If the
+ * device has `next`, the client calls tick and `next` in turn, without a clock: that is the
+ * simulated device, in simulated time. Implementations: the simulated device (simulated.h) and
+ * OpenHaptics' HDAPI (hd.h). The guard and its energy observer are in front of this interface, in
+ * client.c, so that no device bypasses them.
  */
 #ifndef DEVICE_H
 #define DEVICE_H
@@ -40,7 +41,8 @@ struct device {
     unsigned int (*open)(device *self, const char *name, device_spec *spec);
     int (*calibrated)(device *self);
     void (*read)(device *self, device_state *state);
-    void (*write)(device *self, const double *force, const double *torque); /* N, Nm; torque may be NULL */
+    /* N, Nm; torque may be NULL */
+    void (*write)(device *self, const double *force, const double *torque);
     unsigned int (*error)(device *self); /* its next error; 0: none */
     void (*output)(device *self, int on);
     unsigned int (*start)(device *self, device_tick tick, void *data); /* NULL: a pull device */

@@ -8,29 +8,36 @@
 typedef struct {
     double balance;   /* energy taken by the wall and lost by the device, capped as below, J */
     double strongest; /* largest force of this contact, N */
-    double beyond;    /* energy taken while the force was at its limit, which F^2 / 2k does not include, J */
-    double worst;     /* least balance of all contacts, J: below zero the wall gave more than it took and was lost */
-    double debt;      /* energy that earlier contacts gave and none has paid back, J: at most 0 */
-    double spare;     /* losses of the device beyond the cap, J */
+    /* energy taken while the force was at its limit, which F^2 / 2k does not include, J */
+    double beyond;
+    /* least balance of all contacts, J: below zero the wall gave more than it took and was lost */
+    double worst;
+    double debt;  /* energy that earlier contacts gave and none has paid back, J: at most 0 */
+    double spare; /* losses of the device beyond the cap, J */
 } energy;
 
 static double length_of(const double *v) { return sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2]); }
 
-/* Book a tick: whether the wall was touched, the force on the device, its work, and the device's losses.
+/* Book a tick: whether the wall was touched, the force on the device, its work, and the device's
+ * losses.
  *
- * The work on the wall is exact for a force that is held over the tick (Hannaford and Ryu 2002). Losses do not
- * accumulate: the balance is capped at what the wall may have stored, F^2 / 2k, plus what it took while the force was
- * at its largest. Otherwise a long slide along the wall would excuse shaking later. Only a debt is carried over from
- * one contact to the next. `cut`: the force was the largest that may be given. */
-static void energy_book(energy *e, int touching, double force, double work, double lost, double stiffness, int cut) {
+ * The work on the wall is exact for a force that is held over the tick (Hannaford and Ryu 2002).
+ * Losses do not accumulate: the balance is capped at what the wall may have stored, F^2 / 2k, plus
+ * what it took while the force was at its largest. Otherwise a long slide along the wall would
+ * excuse shaking later. Only a debt is carried over from one contact to the next. `cut`: the force
+ * was the largest that may be given. */
+static void energy_book(
+    energy *e, int touching, double force, double work, double lost, double stiffness, int cut) {
     if (!touching) {
         e->debt = fmin(0, e->debt + e->balance);
         e->balance = e->strongest = e->beyond = e->spare = 0;
         return;
     }
     e->strongest = fmax(e->strongest, force);
-    /* the force is that of the depth at the start of the tick, which bounds the energy stored in the wall */
-    double most = stiffness > 0 ? e->strongest * e->strongest / (2 * stiffness) + e->beyond : e->balance;
+    /* the force is that of the depth at the start of the tick, which bounds the energy stored in
+     * the wall */
+    double most =
+        stiffness > 0 ? e->strongest * e->strongest / (2 * stiffness) + e->beyond : e->balance;
     if (e->balance > most) e->spare += e->balance - most, e->balance = most;
     e->balance += lost - work;
     if (cut) e->beyond = fmax(0, e->beyond - work);

@@ -3,18 +3,18 @@
  * In this order, at every tick:
  *
  * 1. After a fault the force is zero, from the tick in which it is detected.
- * 2. Without arming there is no force: a run is armed outside of the object, with the device calibrated,
- *    its safety switch closed, and its button held where it has one. Releasing the button disarms at
- *    once.
+ * 2. Without arming there is no force: a run is armed outside of the object, with the device
+ *    calibrated, its safety switch closed, and its button held where it has one. Releasing the
+ *    button disarms at once.
  * 3. The force is ramped up; during contact no faster than the device's losses pay for.
- * 4. A wall that gives energy, or shakes, is damped (Hannaford and Ryu 2002): by no more than the device
- *    tolerates, and never so that it pulls towards the wall. The run ends if damping has not stopped this
- *    after 50 ms, if the wall shakes a third time within a second, if energy is missing repeatedly, or if
- *    a quarter of a millijoule is missing.
- * 5. The force is limited to the device's peak force. As the motors' average load approaches the force
- *    that they can sustain, the limit falls to that force.
- * 6. Slew: the force added in a tick is limited. Any share of the last force may be removed at once, up
- *    to the device's own limit of change.
+ * 4. A wall that gives energy, or shakes, is damped (Hannaford and Ryu 2002): by no more than
+ *    the device tolerates, and never so that it pulls towards the wall. The run ends if damping
+ *    has not stopped this after 50 ms, if the wall shakes a third time within a second, if
+ *    energy is missing repeatedly, or if a quarter of a millijoule is missing.
+ * 5. The force is limited to the device's peak force. As the motors' average load approaches the
+ *    force that they can sustain, the limit falls to that force.
+ * 6. Slew: the force added in a tick is limited. Any share of the last force may be removed at
+ *    once, up to the device's own limit of change.
  * 7. The force sent is a number and within the limit. Otherwise it is zero, and the run ends.
  *
  * Limits that are negative or not finite are refused before anything is sent.
@@ -30,24 +30,27 @@
 #include <string.h>
 
 /* Causes for a run's end, by name and in words. This is the only list of them. */
-#define GUARD_CAUSES(CAUSE)                                                                                   \
-    CAUSE(DONE, "ran to its end")                                                                             \
-    CAUSE(LIBRARY, "the device's library cannot be used")                                                     \
-    CAUSE(DEVICE, "the device does not start")                                                                \
-    CAUSE(ERROR, "the device reported an error")                                                              \
-    CAUSE(SPEED, "the probe was faster than the limit")                                                       \
-    CAUSE(NUMBER, "a position or a force was not a number, or a force was beyond the limit")                  \
-    CAUSE(OVERRUN, "several callbacks in a row took longer than the deadline")                                \
-    CAUSE(WATCHDOG, "the device's scheduler made no call, or one did not return")                             \
-    CAUSE(GAP, "two calls of the device's scheduler were too far apart, or one took too long")                \
-    CAUSE(INTERRUPTED, "the program was interrupted")                                                         \
-    CAUSE(CALIBRATION, "the device is not calibrated, or no longer calibrated")                               \
-    CAUSE(SWITCH, "the safety switch was opened")                                                             \
-    CAUSE(HOT, "a motor is too hot: let it cool, and lower the stiffness")                                    \
-    CAUSE(UNSTABLE, "the wall gave energy or shook, and damping did not help: lower the stiffness")           \
-    CAUSE(BUSY, "another run of this process drives a device: wait for its end")                              \
-    CAUSE(LIMITS, "a limit is negative or not finite")                                                        \
-    CAUSE(ENCODER, "positions and velocities of the device contradict each other: an encoder is stuck or drifts")
+#define GUARD_CAUSES(CAUSE)                                                                        \
+    CAUSE(DONE, "ran to its end")                                                                  \
+    CAUSE(LIBRARY, "the device's library cannot be used")                                          \
+    CAUSE(DEVICE, "the device does not start")                                                     \
+    CAUSE(ERROR, "the device reported an error")                                                   \
+    CAUSE(SPEED, "the probe was faster than the limit")                                            \
+    CAUSE(NUMBER, "a position or a force was not a number, or a force was beyond the limit")       \
+    CAUSE(OVERRUN, "several callbacks in a row took longer than the deadline")                     \
+    CAUSE(WATCHDOG, "the device's scheduler made no call, or one did not return")                  \
+    CAUSE(GAP, "two calls of the device's scheduler were too far apart, or one took too long")     \
+    CAUSE(INTERRUPTED, "the program was interrupted")                                              \
+    CAUSE(CALIBRATION, "the device is not calibrated, or no longer calibrated")                    \
+    CAUSE(SWITCH, "the safety switch was opened")                                                  \
+    CAUSE(HOT, "a motor is too hot: let it cool, and lower the stiffness")                         \
+    CAUSE(                                                                                         \
+        UNSTABLE, "the wall gave energy or shook, and damping did not help: lower the stiffness")  \
+    CAUSE(BUSY, "another run of this process drives a device: wait for its end")                   \
+    CAUSE(LIMITS, "a limit is negative or not finite")                                             \
+    CAUSE(ENCODER,                                                                                 \
+        "positions and velocities of the device contradict each other: an encoder is stuck or "    \
+        "drifts")
 
 #define GUARD_NAME(name, words) CAUSE_##name,
 enum { GUARD_CAUSES(GUARD_NAME) CAUSES };
@@ -56,17 +59,20 @@ enum { GUARD_CAUSES(GUARD_NAME) CAUSES };
 /* Conditions for sending a force: the button is held, the safety switch is closed. */
 enum { NEEDS_BUTTON = 1, NEEDS_SWITCH = 2 };
 
-#define GUARD_SLACK 2e-5     /* J that may be missing: an encoder's step hides as much */
-#define GUARD_SPENT 2.5e-4   /* J: a deficit of this much ends the run at once, and no tick may give more */
-#define GUARD_PATIENCE 0.05  /* s until damping must have stopped the trouble */
-#define GUARD_AGAIN 1.0      /* s within which a third shaking ends the run */
-#define GUARD_OFTEN 4        /* signs of instability, of any kind, that are allowed at once, and per second */
-#define GUARD_HOT 0.9        /* share of a motor's largest temperature */
-#define GUARD_WARM 10.0      /* s over which the motors' load is averaged */
-#define GUARD_CHECK 100      /* ticks between two checks of the calibration */
-#define GUARD_DRIFT 7e-4     /* m by which a position may deviate from the integrated velocities, ... */
-#define GUARD_LAG 0.02       /* ... plus the speed times this lag of the velocities, s, ... */
-#define GUARD_FORGET 0.1     /* ... within this many seconds */
+#define GUARD_SLACK 2e-5 /* J that may be missing: an encoder's step hides as much */
+/* J: a deficit of this much ends the run at once, and no tick may give more */
+#define GUARD_SPENT 2.5e-4
+#define GUARD_PATIENCE 0.05 /* s until damping must have stopped the trouble */
+#define GUARD_AGAIN 1.0     /* s within which a third shaking ends the run */
+/* signs of instability, of any kind, that are allowed at once, and per second */
+#define GUARD_OFTEN 4
+#define GUARD_HOT 0.9   /* share of a motor's largest temperature */
+#define GUARD_WARM 10.0 /* s over which the motors' load is averaged */
+#define GUARD_CHECK 100 /* ticks between two checks of the calibration */
+/* m by which a position may deviate from the integrated velocities, ... */
+#define GUARD_DRIFT 7e-4
+#define GUARD_LAG 0.02   /* ... plus the speed times this lag of the velocities, s, ... */
+#define GUARD_FORGET 0.1 /* ... within this many seconds */
 
 typedef struct {
     double force, continuous; /* peak and sustained, N; continuous 0: unknown */
@@ -74,33 +80,40 @@ typedef struct {
     double impulse;           /* largest change between ticks, N */
     double speed;             /* of the probe, m/s; above it the run ends */
     double ramp;              /* ticks until the full force is reached */
-    double damping;           /* of the device, Ns/m: the only loss that is certain, since friction may vary */
-    double encoder;           /* step of the positions, m; 0: unknown */
-    double stiffness;         /* of the wall, N/m: bounds the energy that it can store */
-    double most_damping;      /* largest damping that may be added, Ns/m */
-    int needs;                /* NEEDS_... */
+    /* of the device, Ns/m: the only loss that is certain, since friction may vary */
+    double damping;
+    double encoder;      /* step of the positions, m; 0: unknown */
+    double stiffness;    /* of the wall, N/m: bounds the energy that it can store */
+    double most_damping; /* largest damping that may be added, Ns/m */
+    int needs;           /* NEEDS_... */
 } guard_limits;
 
 typedef struct {
     guard_limits limits;
     double period; /* s */
     double position[3], sent[3], velocity[3];
-    double reported[3], drift[3], quick; /* device's velocity; position minus its integral; recent speed, m/s */
-    double carried[3]; /* motion of the touched objects since the last tick: the wall moves with them */
+    /* device's velocity; position minus its integral; recent speed, m/s */
+    double reported[3], drift[3], quick;
+    /* motion of the touched objects since the last tick: the wall moves with them */
+    double carried[3];
     double ticks, given; /* all ticks; those since arming */
-    double now, trouble; /* s since the start; start of the present trouble, negative if there is none */
-    double times[2];     /* of the last shaking and the one before, s */
-    double load;         /* mean square of the force over GUARD_WARM s */
+    /* s since the start; start of the present trouble, negative if there is none */
+    double now, trouble;
+    double times[2]; /* of the last shaking and the one before, s */
+    double load;     /* mean square of the force over GUARD_WARM s */
     energy energy;
     shaking shaking;
     double strongest, steepest, fastest, added;
     long long cut, slowed, damped; /* ticks in which the force was cut, slewed, damped */
-    long long armed_at, signs;     /* first tick with forces, or -1; number of signs of instability */
+    /* first tick with forces, or -1; number of signs of instability */
+    long long armed_at, signs;
     int armed, cause, at_most; /* at_most: the last force was cut */
-    int touching;              /* in the last tick the wall pushed, even if the guard removed it, or a force was sent */
-    int shook;                 /* it shook in the last tick */
-    double often, sign;        /* signs, decaying by GUARD_OFTEN per second; time of the last one, s */
-    double share;              /* of the full force, by the ramp */
+    /* in the last tick the wall pushed, even if the guard removed it, or a force was sent */
+    int touching;
+    int shook; /* it shook in the last tick */
+    /* signs, decaying by GUARD_OFTEN per second; time of the last one, s */
+    double often, sign;
+    double share; /* of the full force, by the ramp */
 } guard;
 
 static void guard_end(guard *g, int cause) {
@@ -109,9 +122,9 @@ static void guard_end(guard *g, int cause) {
 
 /* Start with these limits; an invalid one ends the run at once. */
 static void guard_start(guard *g, const guard_limits *limits, double period) {
-    const double all[] = {limits->force,   limits->continuous, limits->step,      limits->impulse,
-                          limits->speed,   limits->ramp,       limits->damping,   limits->encoder,
-                          limits->stiffness, limits->most_damping};
+    const double all[] = {limits->force, limits->continuous, limits->step, limits->impulse,
+        limits->speed, limits->ramp, limits->damping, limits->encoder, limits->stiffness,
+        limits->most_damping};
     memset(g, 0, sizeof *g);
     for (size_t k = 0; k < sizeof all / sizeof *all; k++)
         if (!(all[k] >= 0 && all[k] <= DBL_MAX)) guard_end(g, CAUSE_LIMITS);
@@ -130,8 +143,9 @@ static void guard_watch(guard *g, const device_state *state, int calibrated) {
     if (!(state->temperature < GUARD_HOT)) guard_end(g, CAUSE_HOT);
 }
 
-/* Energy (J) that only seems to be missing because an encoder reports motion in steps: the whole step is booked with the
- * force at its start, though the force at its end acted over half of it, unless the step took less than a tick. */
+/* Energy (J) that only seems to be missing because an encoder reports motion in steps: the whole
+ * step is booked with the force at its start, though the force at its end acted over half of it,
+ * unless the step took less than a tick. */
 static double guard_unseen(const guard *g, double length, double speed, double dt) {
     double step = g->limits.encoder;
     if (!(step > 0 && length > 0 && length <= 2 * step)) return 0;
@@ -146,8 +160,10 @@ static void guard_observe(guard *g, const double *position, const double *speed,
         work += g->sent[k] * (way[k] - g->carried[k]), g->velocity[k] = way[k] / dt;
     }
     length = length_of(way);
-    double lost = g->limits.damping * length * length / dt + guard_unseen(g, length, length_of(speed), dt);
-    energy_book(&g->energy, g->touching, length_of(g->sent), work, lost, g->limits.stiffness * g->share, g->at_most);
+    double lost =
+        g->limits.damping * length * length / dt + guard_unseen(g, length, length_of(speed), dt);
+    energy_book(&g->energy, g->touching, length_of(g->sent), work, lost,
+        g->limits.stiffness * g->share, g->at_most);
     g->now += dt;
     shaking_see(&g->shaking, position, g->now, length_of(g->sent) > 0);
     double share = dt / GUARD_WARM, size = length_of(g->sent);
@@ -156,8 +172,9 @@ static void guard_observe(guard *g, const double *position, const double *speed,
     if (length / dt > g->limits.speed) guard_end(g, CAUSE_SPEED);
 }
 
-/* Compare the motion since the last tick with the device's velocities. A stuck encoder does not move while the
- * device does, and a drifting one moves by itself. NaN velocities disable the check. */
+/* Compare the motion since the last tick with the device's velocities. A stuck encoder does not
+ * move while the device does, and a drifting one moves by itself. NaN velocities disable the check.
+ */
 static void guard_compare(guard *g, const device_state *state, double dt) {
     double kept = fmax(0, 1 - dt / GUARD_FORGET), way[3];
     for (int k = 0; k < 3; k++) {
@@ -169,12 +186,15 @@ static void guard_compare(guard *g, const device_state *state, double dt) {
     if (length_of(g->drift) > GUARD_DRIFT + GUARD_LAG * g->quick) guard_end(g, CAUSE_ENCODER);
 }
 
-/* Energy (J) that may be given without exceeding the energy taken and lost in this contact and before. */
+/* Energy (J) that may be given without exceeding the energy taken and lost in this contact and
+ * before. */
 static double guard_has(const guard *g) { return g->energy.balance + g->energy.debt; }
 
-/* Whether energy is missing in this contact or the probe shakes. Ends the run if that lasts or recurs too often. */
+/* Whether energy is missing in this contact or the probe shakes. Ends the run if that lasts or
+ * recurs too often. */
 static int guard_troubled(guard *g) {
-    int shakes = shaking_now(&g->shaking, g->now), wrong = g->energy.balance < -GUARD_SLACK || shakes;
+    int shakes = shaking_now(&g->shaking, g->now),
+        wrong = g->energy.balance < -GUARD_SLACK || shakes;
     if (guard_has(g) < -GUARD_SPENT) guard_end(g, CAUSE_UNSTABLE);
     if (shakes && !g->shook) {
         if (g->now - g->times[1] < GUARD_AGAIN) guard_end(g, CAUSE_UNSTABLE);
@@ -193,11 +213,13 @@ static int guard_troubled(guard *g) {
     return wrong;
 }
 
-/* Damp a force: as far as allowed if troubled, else by as much energy as the balance lacks. It never becomes a pull. */
+/* Damp a force: as far as allowed if troubled, else by as much energy as the balance lacks. It
+ * never becomes a pull. */
 static void guard_damp(guard *g, double *force, double dt, int troubled) {
     double size = length_of(force), fast = length_of(g->velocity), lacking = -guard_has(g);
     if (!(size > 0 && fast > 0) || !(troubled || lacking > 0)) return;
-    double damping = troubled ? g->limits.most_damping : fmin(lacking / (fast * fast * dt), g->limits.most_damping);
+    double damping = troubled ? g->limits.most_damping
+                              : fmin(lacking / (fast * fast * dt), g->limits.most_damping);
     double push = 0, normal[3], damped[3];
     for (int k = 0; k < 3; k++) {
         normal[k] = force[k] / size, damped[k] = force[k] - damping * g->velocity[k];
@@ -229,7 +251,8 @@ static void guard_cut(guard *g, double *force) {
     g->cut++, g->at_most = 1;
 }
 
-/* Limit the addition to a share of the last force, and the whole change, in proportion to the elapsed time. */
+/* Limit the addition to a share of the last force, and the whole change, in proportion to the
+ * elapsed time. */
 static void guard_slew(guard *g, double *force, double part) {
     const double most = g->limits.step * part, steepest = g->limits.impulse * part;
     double last = length_of(g->sent), along = 0, added[3], change[3], share = 0;
@@ -250,7 +273,8 @@ static void guard_slew(guard *g, double *force, double part) {
     g->added = fmax(g->added, more), g->steepest = fmax(g->steepest, step);
 }
 
-/* Whether a force may be given: after a tick outside of the object, with the button held and the switch closed. */
+/* Whether a force may be given: after a tick outside of the object, with the button held and the
+ * switch closed. */
 static int guard_armed(guard *g, const device_state *state, const double *force, int armed) {
     int held = !(g->limits.needs & NEEDS_BUTTON) || state->buttons;
     int closed = !(g->limits.needs & NEEDS_SWITCH) || state->safe;
@@ -262,31 +286,36 @@ static int guard_armed(guard *g, const device_state *state, const double *force,
     return g->armed;
 }
 
-/* Raise the share of the full force. A wall that stiffens under a pressing probe gives it energy, so during contact
- * the share grows no faster than the device's losses pay for. */
+/* Raise the share of the full force. A wall that stiffens under a pressing probe gives it energy,
+ * so during contact the share grows no faster than the device's losses pay for. */
 static void guard_ramp(guard *g, double size) {
     double share = g->limits.ramp > 0 ? fmin(1, g->given / g->limits.ramp) : 1;
     if (g->touching && g->limits.stiffness > 0 && size > 0 && share > g->share) {
-        double price = size * size / (2 * g->limits.stiffness), more = fmin(share - g->share, g->energy.spare / price);
+        double price = size * size / (2 * g->limits.stiffness),
+               more = fmin(share - g->share, g->energy.spare / price);
         g->energy.spare -= more * price, g->energy.balance += more * price, share = g->share + more;
     }
     g->share = share;
 }
 
-/* Final check: a force that is not a number, or is beyond the limit, becomes zero and ends the run. */
+/* Final check: a force that is not a number, or is beyond the limit, becomes zero and ends the run.
+ */
 static void guard_close(guard *g, double *force) {
     if (length_of(force) <= g->limits.force * (1 + 1e-9)) return; /* false for NaN */
     guard_end(g, CAUSE_NUMBER);
     force[0] = force[1] = force[2] = 0;
 }
 
-/* Turn the field's force into one that may be sent: zero once there is a cause to end the run. `since`: time since the
- * last tick, s. */
-static void guard_pass(guard *g, const device_state *state, double since, int armed, double *force) {
-    double dt = since > g->period ? since : g->period; /* catch-up calls must not look like a fast probe */
+/* Turn the field's force into one that may be sent: zero once there is a cause to end the run.
+ * `since`: time since the last tick, s. */
+static void guard_pass(
+    guard *g, const device_state *state, double since, int armed, double *force) {
+    /* catch-up calls must not look like a fast probe */
+    double dt = since > g->period ? since : g->period;
     double part = fmin(1, fmax(0, since / g->period));
     if (!(length_of(force) <= 1e100)) guard_end(g, CAUSE_NUMBER);
-    if (!g->cause && g->ticks > 0) guard_observe(g, state->position, state->velocity, dt), guard_compare(g, state, dt);
+    if (!g->cause && g->ticks > 0)
+        guard_observe(g, state->position, state->velocity, dt), guard_compare(g, state, dt);
     int troubled = !g->cause && guard_troubled(g);
     int touching = length_of(force) > 0;
     if (g->cause || !guard_armed(g, state, force, armed)) {

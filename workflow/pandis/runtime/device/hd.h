@@ -1,5 +1,5 @@
-/* OpenHaptics' HDAPI 3 as a device: its constants, a table of its functions (so that the library and its
- * stand-in are interchangeable), and the driver.
+/* OpenHaptics' HDAPI 3 as a device: its constants, a table of its functions (so that the library
+ * and its stand-in are interchangeable), and the driver.
  *
  * HDAPI uses millimetres, mm/s and newtons; +x points right, +y up, +z to the user.
  */
@@ -56,7 +56,8 @@ enum {
 #define HD_INVALID_HANDLE 0xFFFFFFFFu
 #define HD_PRIORITY 65535 /* the highest: no other callback may run first */
 #define HD_MOTORS 8
-#define HD_BOOLEAN 8 /* bytes of room for a boolean, which has one byte or four, depending on the version */
+/* bytes of room for a boolean, which has one byte or four, depending on the version */
+#define HD_BOOLEAN 8
 
 typedef struct {
     unsigned int code;
@@ -115,7 +116,8 @@ static const struct {
 static struct {
     hd_api api;
     unsigned int device;
-    int heat, safety; /* whether this device reports its motors' temperatures, and a safety switch */
+    /* whether this device reports its motors' temperatures, and a safety switch */
+    int heat, safety;
     unsigned long task;
     device_tick tick;
     void *data;
@@ -201,8 +203,8 @@ static void hd_read(device *self, device_state *state) {
         state->position[k] *= 1e-3, state->velocity[k] *= 1e-3;
         for (int i = 0; i < 3; i++) state->rotation[3 * i + k] = place[4 * k + i];
     }
-    for (int k = 0; k < HD_MOTORS; k++)
-        if (isnan(heat[k]) || heat[k] > state->temperature) state->temperature = heat[k]; /* NaN stays */
+    for (int k = 0; k < HD_MOTORS; k++) /* NaN stays */
+        if (isnan(heat[k]) || heat[k] > state->temperature) state->temperature = heat[k];
     state->buttons = (unsigned int)buttons[0];
     state->safe = hd_closed(safety);
     state->time = (double)NAN;
@@ -253,8 +255,8 @@ static void hd_close(device *self) {
 
 /* Fill in the device for a table of functions. */
 static void hd_device(const hd_api *api, device *made) {
-    static const device verbs = {hd_open,   hd_calibrated, hd_read, hd_write, hd_next_error, hd_output,
-                                 hd_start, hd_stop,       NULL,    hd_close, NULL};
+    static const device verbs = {hd_open, hd_calibrated, hd_read, hd_write, hd_next_error,
+        hd_output, hd_start, hd_stop, NULL, hd_close, NULL};
     memset(&hd, 0, sizeof hd);
     hd.api = *api;
     *made = verbs;

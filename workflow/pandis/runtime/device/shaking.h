@@ -1,8 +1,8 @@
 /* Shaking: an oscillation by more than a tenth of a millimetre, at more than 30 Hz.
  *
- * Turns are counted along each axis: points where the motion has reversed by SHAKING_SIZE. Three turns
- * span a whole swing; if they take less than a thirtieth of a second, the probe shakes. A knock against
- * a wall turns once, and a slow hand does not turn three times that fast.
+ * Turns are counted along each axis: points where the motion has reversed by SHAKING_SIZE. Three
+ * turns span a whole swing; if they take less than a thirtieth of a second, the probe shakes. A
+ * knock against a wall turns once, and a slow hand does not turn three times that fast.
  */
 #ifndef SHAKING_H
 #define SHAKING_H

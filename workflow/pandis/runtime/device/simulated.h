@@ -1,10 +1,11 @@
-/* A simulated device with the hand that holds it: a pull device in simulated time, so that a run is the
- * same on every machine. A force that a driver would refuse is an error, with HDAPI's number, and does
- * not reach the motors.
+/* A simulated device with the hand that holds it: a pull device in simulated time, so that a run is
+ * the same on every machine. A force that a driver would refuse is an error, with HDAPI's number,
+ * and does not reach the motors.
  *
- * Device and hand are one mass: m x'' = F + press + k (rest - x) + b_hand rest' - (b + b_hand) x', with
- * Coulomb friction against the motion. At rest, friction holds any force that is not stronger. The motion
- * under a constant force is exact. A tick has four steps; within each, friction has a fixed direction.
+ * Device and hand are one mass: m x'' = F + press + k (rest - x) + b_hand rest' - (b + b_hand) x',
+ * with Coulomb friction against the motion. At rest, friction holds any force that is not stronger.
+ * The motion under a constant force is exact. A tick has four steps; within each, friction has a
+ * fixed direction.
  */
 #ifndef SIMULATED_H
 #define SIMULATED_H
@@ -20,22 +21,24 @@
 
 typedef struct {
     double mass, damping, friction, encoder; /* kg, Ns/m, N, m */
-    double force, impulse, speed;            /* limits beyond which it reports errors: N, N per ms, m/s */
-    double hand_stiffness, hand_damping;     /* N/m, Ns/m */
-    double period;                           /* s */
-    double wall;                             /* stiffness of the touched surface, N/m: see energy_book */
-    int delay;                               /* of forces, ticks */
+    /* limits beyond which it reports errors: N, N per ms, m/s */
+    double force, impulse, speed;
+    double hand_stiffness, hand_damping; /* N/m, Ns/m */
+    double period;                       /* s */
+    /* stiffness of the touched surface, N/m: see energy_book */
+    double wall;
+    int delay; /* of forces, ticks */
 } simulated_spec;
 
 static struct {
     simulated_spec spec;
     const double *rest, *press; /* per tick: the hand's rest position (m) and force (N) */
     long long ticks, tick;      /* ticks after which the hand holds still; the current tick */
-    double *path; /* per tick, unless NULL: true position at its end (m) */
+    double *path;               /* per tick, unless NULL: true position at its end (m) */
     double position[3], speed[3];
     double late[SIMULATED_DELAY + 1][3], acting[3], sent[3];
     double xx, xv, vx, vv, xu, vu; /* motion of a substep */
-    energy energy;           /* by its true positions and losses */
+    energy energy;                 /* by its true positions and losses */
     int output;
     unsigned int error[SIMULATED_ERRORS];
     int errors;
@@ -45,11 +48,13 @@ static void simulated_report(unsigned int code) {
     if (simulated.errors < SIMULATED_ERRORS) simulated.error[simulated.errors++] = code;
 }
 
-/* The motion of a substep: the exponential of [[0, 1, 0], [-k/m, -b/m, 1/m], [0, 0, 0]] h, by its series. */
+/* The motion of a substep: the exponential of [[0, 1, 0], [-k/m, -b/m, 1/m], [0, 0, 0]] h, by its
+ * series. */
 static void simulated_motion(void) {
     const simulated_spec *s = &simulated.spec;
     double h = s->period / SIMULATED_SUBSTEPS;
-    double a = -s->hand_stiffness / s->mass * h, b = -(s->damping + s->hand_damping) / s->mass * h, c = h / s->mass;
+    double a = -s->hand_stiffness / s->mass * h, b = -(s->damping + s->hand_damping) / s->mass * h,
+           c = h / s->mass;
     double term[2][3] = {{1, 0, 0}, {0, 1, 0}}, sum[2][3] = {{1, 0, 0}, {0, 1, 0}};
     for (int n = 1; n < 40; n++)
         for (int row = 0; row < 2; row++) {
@@ -62,8 +67,8 @@ static void simulated_motion(void) {
 }
 
 /* Prepare a device at rest at `start`, with a hand that moves for `ticks` ticks, at least one. */
-static void simulated_prepare(const simulated_spec *spec, const double *start, const double *rest, const double *press,
-                              long long ticks) {
+static void simulated_prepare(const simulated_spec *spec, const double *start, const double *rest,
+    const double *press, long long ticks) {
     memset(&simulated, 0, sizeof simulated);
     simulated.spec = *spec, simulated.rest = rest, simulated.press = press, simulated.ticks = ticks;
     memcpy(simulated.position, start, sizeof simulated.position);
@@ -75,7 +80,8 @@ static void simulated_tell(device_spec *spec) {
     const simulated_spec *s = &simulated.spec;
     memset(spec, 0, sizeof *spec);
     snprintf(spec->model, sizeof spec->model, "simulated");
-    spec->force = s->force, spec->speed = s->speed, spec->impulse = s->impulse, spec->rate = 1 / s->period;
+    spec->force = s->force, spec->speed = s->speed, spec->impulse = s->impulse,
+    spec->rate = 1 / s->period;
 }
 
 /* The position that its encoders report. */
@@ -87,14 +93,16 @@ static void simulated_place(double *position) {
     }
 }
 
-/* Accept a force; one that a driver would refuse is reported as an error and does not reach the motors. */
+/* Accept a force; one that a driver would refuse is reported as an error and does not reach the
+ * motors. */
 static void simulated_accept(const double *force) {
     const simulated_spec *s = &simulated.spec;
     double change[3];
     for (int k = 0; k < 3; k++) change[k] = force[k] - simulated.sent[k];
     unsigned int code = HD_SUCCESS;
     if (!(length_of(force) <= s->force * (1 + 1e-9))) code = HD_EXCEEDED_MAX_FORCE;
-    else if (length_of(force) > 0 && !(length_of(change) <= s->impulse * s->period * 1e3 * (1 + 1e-9)))
+    else if (length_of(force) > 0 &&
+        !(length_of(change) <= s->impulse * s->period * 1e3 * (1 + 1e-9)))
         code = HD_EXCEEDED_MAX_FORCE_IMPULSE; /* a drop to zero is always allowed */
     else if (length_of(simulated.speed) > s->speed) code = HD_EXCEEDED_MAX_VELOCITY;
     if (code) simulated_report(code);
@@ -105,7 +113,8 @@ static unsigned int simulated_take_error(void) {
     unsigned int code = HD_SUCCESS;
     if (simulated.errors) {
         code = simulated.error[0];
-        memmove(simulated.error, simulated.error + 1, sizeof simulated.error - sizeof *simulated.error);
+        memmove(
+            simulated.error, simulated.error + 1, sizeof simulated.error - sizeof *simulated.error);
         simulated.errors--;
     }
     return code;
@@ -114,7 +123,8 @@ static unsigned int simulated_take_error(void) {
 /* Move by a step under spring, damping and a push; returns the distance moved. */
 static double simulated_step(const double *rest, const double *push) {
     const simulated_spec *s = &simulated.spec;
-    double h = s->period / SIMULATED_SUBSTEPS, fast = length_of(simulated.speed), way[3], speed[3], whole[3];
+    double h = s->period / SIMULATED_SUBSTEPS, fast = length_of(simulated.speed), way[3], speed[3],
+           whole[3];
     memcpy(whole, push, sizeof whole);
     if (s->friction > 0) {
         double along[3], size = fast;
@@ -152,15 +162,16 @@ static void simulated_move(void) {
     double h = s->period / SIMULATED_SUBSTEPS, push[3], before[3], work = 0, lost = 0;
     memcpy(before, simulated.position, sizeof before);
     for (int k = 0; k < 3; k++)
-        push[k] = simulated.acting[k] + press[k] + s->hand_damping * (next[k] - rest[k]) / s->period;
+        push[k] =
+            simulated.acting[k] + press[k] + s->hand_damping * (next[k] - rest[k]) / s->period;
     for (int step = 0; step < SIMULATED_SUBSTEPS; step++) {
         double length = simulated_step(rest, push);
         /* a lower bound, whatever the speed was along the way */
         lost += s->damping * length * length / h + s->friction * length;
     }
     for (int k = 0; k < 3; k++) work += simulated.acting[k] * (simulated.position[k] - before[k]);
-    energy_book(&simulated.energy, length_of(simulated.acting) > 0, length_of(simulated.acting), work, lost, s->wall,
-                length_of(simulated.acting) > s->force * (1 - 1e-6));
+    energy_book(&simulated.energy, length_of(simulated.acting) > 0, length_of(simulated.acting),
+        work, lost, s->wall, length_of(simulated.acting) > s->force * (1 - 1e-6));
 }
 
 /* Apply the sent force for a tick, after its delay. */
@@ -175,7 +186,7 @@ static void simulated_advance(void) {
     simulated.tick++;
 }
 
-/* ---------------------------------------------------------------- as a device */
+/* -------------------- as a device */
 
 static unsigned int simulated_open(device *self, const char *name, device_spec *spec) {
     (void)self, (void)name;
@@ -234,9 +245,9 @@ static void simulated_close(device *self) {
 
 /* Fill in the device for a client's run. */
 static void simulated_device(device *made) {
-    static const device verbs = {simulated_open,   simulated_calibrated, simulated_read, simulated_write,
-                                 simulated_error,  simulated_output,     NULL,           simulated_stop,
-                                 simulated_next,   simulated_close,      NULL};
+    static const device verbs = {simulated_open, simulated_calibrated, simulated_read,
+        simulated_write, simulated_error, simulated_output, NULL, simulated_stop, simulated_next,
+        simulated_close, NULL};
     *made = verbs;
 }
 

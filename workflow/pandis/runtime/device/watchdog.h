@@ -1,5 +1,5 @@
-/* A separate process that ends a device's force when the run's process stops ticking because it was killed or halted.
- * It needs a library that lets two processes open a device. Part of client.c. */
+/* A separate process that ends a device's force when the run's process stops ticking because it was
+ * killed or halted. It needs a library that lets two processes open a device. Part of client.c. */
 #ifndef WATCHDOG_H
 #define WATCHDOG_H
 
@@ -25,7 +25,8 @@ static int hd_load(const char *library, hd_api *api, void **handle) {
     for (size_t k = 0; k < sizeof hd_functions / sizeof *hd_functions; k++) {
         void *function = dlsym(*handle, hd_functions[k].name);
         if (!function) return 0;
-        memcpy((char *)api + hd_functions[k].at, &function, sizeof function); /* POSIX allows this conversion */
+        /* POSIX allows this conversion */
+        memcpy((char *)api + hd_functions[k].at, &function, sizeof function);
     }
     return 1;
 }
@@ -33,16 +34,18 @@ static int hd_load(const char *library, hd_api *api, void **handle) {
 /* Report the outcome of the start, unless the run is over. */
 static int watchdog_say(watchdog_pulse *pulse, int state) {
     int starts = WATCHDOG_STARTS;
-    return __atomic_compare_exchange_n(&pulse->state, &starts, state, 0, __ATOMIC_SEQ_CST, __ATOMIC_SEQ_CST);
+    return __atomic_compare_exchange_n(
+        &pulse->state, &starts, state, 0, __ATOMIC_SEQ_CST, __ATOMIC_SEQ_CST);
 }
 
-/* Watch a run until it ends or its process is gone. `file`: descriptor of the shared pulse; `parent`: ID of the run's
- * process. Returns 1 if the watchdog had to end the force. */
+/* Watch a run until it ends or its process is gone. `file`: descriptor of the shared pulse;
+ * `parent`: ID of the run's process. Returns 1 if the watchdog had to end the force. */
 int client_watch(const char *library, const char *name, int file, int parent) {
     const struct timespec look = {0, (long)(1e9 * WATCHDOG_LOOK)};
     hd_api api;
     void *handle;
-    watchdog_pulse *pulse = (watchdog_pulse *)mmap(NULL, sizeof *pulse, PROT_READ | PROT_WRITE, MAP_SHARED, file, 0);
+    watchdog_pulse *pulse =
+        (watchdog_pulse *)mmap(NULL, sizeof *pulse, PROT_READ | PROT_WRITE, MAP_SHARED, file, 0);
     if (pulse == MAP_FAILED) return 0;
     if (!hd_load(library, &api, &handle)) return watchdog_say(pulse, WATCHDOG_REFUSED), 0;
     for (int k = 0; k < 64 && api.get_error().code; k++) continue; /* discard earlier errors */

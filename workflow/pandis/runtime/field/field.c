@@ -15,8 +15,8 @@ void runtime_frame(const pandis_field *field, double *numbers) {
     numbers[3] = field->scale;
 }
 
-/* The same field in another frame, as if its mesh had other units and another position. Not for closed forms, which
- * are formulas in mesh units around the origin. */
+/* The same field in another frame, as if its mesh had other units and another position. Not for
+ * closed forms, which are formulas in mesh units around the origin. */
 void runtime_place(pandis_field *placed, const pandis_field *field, const double *numbers) {
     *placed = *field;
     placed->mapped = 0; /* the other field owns the bytes and releases them */
@@ -24,7 +24,8 @@ void runtime_place(pandis_field *placed, const pandis_field *field, const double
     placed->scale = numbers[3];
 }
 
-/* Bytes from which answers are computed: all sections except bounds, provenance, original faces and regions. */
+/* Bytes from which answers are computed: all sections except bounds, provenance, original faces and
+ * regions. */
 size_t runtime_bytes(const pandis_field *field) {
     static const char *const others[] = {"COVR", "SAFE", "PROV", "BOND", "ORIG", "REGN", "RNAM"};
     size_t size = 0;
@@ -38,8 +39,8 @@ size_t runtime_bytes(const pandis_field *field) {
 }
 
 /* Answers at points; with `slopes` also the slopes of `pandis_answer`. */
-void runtime_query(const pandis_field *field, const double *points, size_t count, double *distances, double *normals,
-                   unsigned char *flags, double *slopes) {
+void runtime_query(const pandis_field *field, const double *points, size_t count, double *distances,
+    double *normals, unsigned char *flags, double *slopes) {
     pandis_answer answer;
     if (!slopes) {
         pandis_query_many(field, points, count, distances, normals, flags);
@@ -47,29 +48,30 @@ void runtime_query(const pandis_field *field, const double *points, size_t count
     }
     for (size_t i = 0; i < count; i++) {
         pandis_query(field, points + 3 * i, &answer);
-        distances[i] = answer.distance, slopes[i] = answer.slope, flags[i] = (unsigned char)answer.flag;
+        distances[i] = answer.distance, slopes[i] = answer.slope,
+        flags[i] = (unsigned char)answer.flag;
         memcpy(normals + 3 * i, answer.normal, sizeof answer.normal);
     }
 }
 
-/* Answers at points: within a reach if that is not negative, else with a hint from one point to the next. */
-void runtime_answers(const pandis_field *field, const double *points, size_t count, double reach, double *distances,
-                     double *normals, unsigned char *flags, double *clear) {
+/* Answers at points: within a reach if that is not negative, else with a hint from one point to the
+ * next. */
+void runtime_answers(const pandis_field *field, const double *points, size_t count, double reach,
+    double *distances, double *normals, unsigned char *flags, double *clear) {
     pandis_hint hint = {{0}};
     pandis_answer answer;
     for (size_t i = 0; i < count; i++) {
-        if (reach >= 0)
-            pandis_query_within(field, points + 3 * i, reach, &answer);
-        else
-            pandis_query_from(field, points + 3 * i, &hint, &answer);
-        distances[i] = answer.distance, clear[i] = answer.clear, flags[i] = (unsigned char)answer.flag;
+        if (reach >= 0) pandis_query_within(field, points + 3 * i, reach, &answer);
+        else pandis_query_from(field, points + 3 * i, &hint, &answer);
+        distances[i] = answer.distance, clear[i] = answer.clear,
+        flags[i] = (unsigned char)answer.flag;
         memcpy(normals + 3 * i, answer.normal, sizeof answer.normal);
     }
 }
 
 /* Gradients and second derivatives of the distance; either may be NULL. */
-void runtime_derivatives(const pandis_field *field, const double *points, size_t count, double *gradients,
-                         double *hessians) {
+void runtime_derivatives(const pandis_field *field, const double *points, size_t count,
+    double *gradients, double *hessians) {
     double gradient[3], hessian[9];
     for (size_t i = 0; i < count; i++) {
         (void)pandis_derivatives(field, points + 3 * i, gradient, hessian);
@@ -103,7 +105,8 @@ void runtime_faces(const pandis_field *field, const double *points, size_t count
 }
 
 /* Regions of the closest points, likewise. */
-void runtime_regions(const pandis_field *field, const double *points, size_t count, int32_t *regions) {
+void runtime_regions(
+    const pandis_field *field, const double *points, size_t count, int32_t *regions) {
     pandis_answer answer;
     for (size_t i = 0; i < count; i++) {
         pandis_query(field, points + 3 * i, &answer);
@@ -112,28 +115,26 @@ void runtime_regions(const pandis_field *field, const double *points, size_t cou
 }
 
 /* Penalty forces (three doubles each) and flags at points. */
-void runtime_forces(const pandis_field *field, const double *points, size_t count, double stiffness, double *forces,
-                    unsigned char *flags) {
+void runtime_forces(const pandis_field *field, const double *points, size_t count, double stiffness,
+    double *forces, unsigned char *flags) {
     for (size_t i = 0; i < count; i++)
         flags[i] = (unsigned char)pandis_force(field, points + 3 * i, stiffness, forces + 3 * i);
 }
 
-/* Duration (s) of each of `queries` single queries at the points in turn: within a reach if that is not negative,
- * with a hint if it is below -1. Writing `bytes` bytes of `other` before each query empties the caches. */
-void runtime_time(const pandis_field *field, const double *points, size_t count, size_t queries, double reach,
-                  double *taken, unsigned char *other, size_t bytes) {
+/* Duration (s) of each of `queries` single queries at the points in turn: within a reach if that is
+ * not negative, with a hint if it is below -1. Writing `bytes` bytes of `other` before each query
+ * empties the caches. */
+void runtime_time(const pandis_field *field, const double *points, size_t count, size_t queries,
+    double reach, double *taken, unsigned char *other, size_t bytes) {
     pandis_answer answer;
     pandis_hint hint = {{0}};
     volatile double sink = 0;
     for (size_t i = 0; i < queries; i++) {
         for (size_t k = 0; k < bytes; k += 16) other[k]++;
         double start = seconds();
-        if (reach >= 0)
-            pandis_query_within(field, points + 3 * (i % count), reach, &answer);
-        else if (reach < -1)
-            pandis_query_from(field, points + 3 * (i % count), &hint, &answer);
-        else
-            pandis_query(field, points + 3 * (i % count), &answer);
+        if (reach >= 0) pandis_query_within(field, points + 3 * (i % count), reach, &answer);
+        else if (reach < -1) pandis_query_from(field, points + 3 * (i % count), &hint, &answer);
+        else pandis_query(field, points + 3 * (i % count), &answer);
         taken[i] = seconds() - start;
         sink = sink + answer.distance;
     }

@@ -1,4 +1,5 @@
-/* Scenes of pandis.h, for Python: forces along a path, from the scene or by querying every object. */
+/* Scenes of pandis.h, for Python: forces along a path, from the scene or by querying every object.
+ */
 #ifndef PANDIS_IMPLEMENTATION
 #define _POSIX_C_SOURCE 199309L
 #define PANDIS_IMPLEMENTATION
@@ -10,10 +11,18 @@
 /* The layouts that Python mirrors. */
 const layout_entry *scene_layout(void) {
     static const layout_entry entries[] = {
-        LAYOUT_TYPE(pandis_object), LAYOUT(pandis_object, field), LAYOUT(pandis_object, rotation),
-        LAYOUT(pandis_object, translation), LAYOUT(pandis_object, scale), LAYOUT(pandis_object, stiffness),
-        LAYOUT_TYPE(pandis_pose), LAYOUT(pandis_pose, rotation), LAYOUT(pandis_pose, translation),
-        LAYOUT(pandis_pose, velocity), LAYOUT(pandis_pose, spin), LAYOUT_END,
+        LAYOUT_TYPE(pandis_object),
+        LAYOUT(pandis_object, field),
+        LAYOUT(pandis_object, rotation),
+        LAYOUT(pandis_object, translation),
+        LAYOUT(pandis_object, scale),
+        LAYOUT(pandis_object, stiffness),
+        LAYOUT_TYPE(pandis_pose),
+        LAYOUT(pandis_pose, rotation),
+        LAYOUT(pandis_pose, translation),
+        LAYOUT(pandis_pose, velocity),
+        LAYOUT(pandis_pose, spin),
+        LAYOUT_END,
     };
     return entries;
 }
@@ -23,8 +32,8 @@ size_t scene_room(size_t count) { return PANDIS_SCENE_ROOM(count); }
 
 /* Forces (three doubles each), flags and number of fields queried, for each point; with `taken`
  * also its duration, s. */
-void scene_forces(pandis_scene *scene, const double *points, size_t count, double *forces, unsigned char *flags,
-                  int64_t *asked, double *taken) {
+void scene_forces(pandis_scene *scene, const double *points, size_t count, double *forces,
+    unsigned char *flags, int64_t *asked, double *taken) {
     for (size_t i = 0; i < count; i++) {
         double start = taken ? seconds() : 0;
         flags[i] = (unsigned char)pandis_scene_force(scene, points + 3 * i, forces + 3 * i);
@@ -34,8 +43,8 @@ void scene_forces(pandis_scene *scene, const double *points, size_t count, doubl
 }
 
 /* The same forces, querying every object at every point. */
-void scene_ask_all(const pandis_object *objects, size_t objects_count, const double *points, size_t count,
-                   double *forces) {
+void scene_ask_all(const pandis_object *objects, size_t objects_count, const double *points,
+    size_t count, double *forces) {
     for (size_t i = 0; i < count; i++) {
         double own[3], *sum = forces + 3 * i;
         sum[0] = sum[1] = sum[2] = 0;

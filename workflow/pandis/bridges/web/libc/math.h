@@ -1,5 +1,5 @@
-/* The libm functions that pandis.h calls: WebAssembly instructions, and for moving objects and textures three functions
- * that the page provides. */
+/* The libm functions that pandis.h calls: WebAssembly instructions, and for moving objects and
+ * textures three functions that the page provides. */
 #ifndef WEB_MATH_H
 #define WEB_MATH_H
 #define NAN __builtin_nanf("")
