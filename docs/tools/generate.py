@@ -62,6 +62,7 @@ PARTS = (
         "textures",
         "planes",
         "proxy",
+        "hops",
         "following",
         "walking",
         "contact",

@@ -4244,7 +4244,7 @@ static void pandis__take_ball(pandis__proxy *p, const pandis__look *look) {
     memcpy(p->ball, look->at, 3 * sizeof *p->ball);
     p->ball[3] = look->free, p->ball[4] = look->sure;
 }
-/* -------------------- how a proxy follows the probe */
+/* -------------------- how a proxy hops to a target */
 
 #define PANDIS__SMALL 1e-13 /* shorter motions count as 0 (unit frame) */
 #define PANDIS__ABOVE 4e-6  /* largest height of the proxy above a plane that it touches */
@@ -4337,6 +4337,169 @@ typedef struct {
     int climbed, confirmed;
 } pandis__way;
 
+/* Move the proxy to a place. */
+static void pandis__arrive(pandis__proxy *p, pandis__way *way, const double *place) {
+    double step = pandis__between(place, p->x);
+    way->shrink = 1;
+    if (step > 1e-3 * PANDIS__SLIVER) p->state->settled = 0;
+    if (step > PANDIS__SLIVER) p->state->close = 0;
+    if (way->active && !way->arriving)
+        way->slip = fmax(0, way->slip - step), way->slid += step, way->travel -= step;
+    memcpy(p->x, place, 3 * sizeof *place);
+}
+
+/* Move towards a place beyond the known free space: to the rim of the ball, from where the next
+ * look is taken. */
+static int pandis__go_on(
+    pandis__proxy *p, pandis__way *way, const double *at, const double *target) {
+    pandis__look look;
+    if (way->active && !way->arriving) { /* the proxy is on the surface, and stays there */
+        way->held = way->stuck = 1;
+        return 1;
+    }
+    double rim[3], place[3], far = pandis__between(at, p->ball),
+                             share = fmin(1, 0.95 * p->ball[3] / far);
+    for (int k = 0; k < 3; k++) rim[k] = p->ball[k] + share * (at[k] - p->ball[k]);
+    if (!pandis__look_at(p, rim, &look)) return 0;
+    if (look.free > 0) {
+        double to = pandis__between(target, rim), within = to > look.free ? look.free / to : 1;
+        for (int k = 0; k < 3; k++) place[k] = rim[k] + within * (target[k] - rim[k]);
+        pandis__take_ball(p, &look);
+        if (!p->exact) { /* a field steeper than a distance overstates the free space */
+            pandis__look near;
+            if (!pandis__look_at(p, place, &near)) return 0;
+            if (near.distance < -PANDIS__SLIVER) {
+                memcpy(place, rim, sizeof place);
+                look = near;
+            }
+        }
+        pandis__arrive(p, way, place);
+    }
+    pandis__learn(p, &look, p->x, 0);
+    return 1;
+}
+
+/* Start over from the surface at the proxy, which is moved out if it has sunk in by less than a
+ * sliver. 0: no answer. */
+static int pandis__emerge(pandis__proxy *p) {
+    pandis__look look;
+    if (!pandis__look_at(p, p->x, &look)) return 0;
+    if (p->flat && look.distance < 0 && look.distance > -PANDIS__SLIVER)
+        memcpy(p->x, look.foot, sizeof look.foot);
+    p->count = 0;
+    pandis__learn(p, &look, p->x, 0);
+    return 1;
+}
+
+/* Look from above the target, and take the free ball there if it joins the last one. Returns 0 if
+ * there was no answer, 1 if the hop ends here, 2 if it goes on; `height` is then a lower bound of
+ * the target's. */
+static int pandis__hop_over(
+    pandis__proxy *p, pandis__way *way, const double *target, pandis__look *look, double *height) {
+    pandis__contact *c = p->state;
+    double at[3];
+    pandis__lifted(p, target, NULL, c->lift, at);
+    if (!pandis__look_at(p, at, look)) return 0;
+    int joined =
+        look->free > 0 && pandis__between(at, p->ball) <= (p->ball[3] + look->free) * (1 + 1e-9);
+    /* an unknown wall, or one forgotten since */
+    if (!joined && way->active && (!p->flat || pandis__unknown(p, look)) && way->lost++ < 2) {
+        /* the ball must be in front of the foot: else that is a wall's other side */
+        double before = 0;
+        for (int k = 0; k < 3; k++) before += (p->ball[k] - look->foot[k]) * look->normal[k];
+        if (before < 0.5 * p->ball[3] && !pandis__look_at(p, p->x, look)) return 0;
+        pandis__learn(p, look, p->x, 0);
+        return 1;
+    }
+    int reaches = pandis__between(p->ball, p->x) <= p->ball[3] + PANDIS__GAP;
+    if (!joined && way->active && !(reaches && way->shrink > 0.02) && !way->climbed++) {
+        int climbed = pandis__climb(p);
+        way->climbed = climbed == 1, way->shrink = 1;
+        return climbed > 0;
+    }
+    if (!joined && way->active)
+        way->shrink *= 0.3, c->lift = fmax(0.7 * c->lift, PANDIS__HOVER / 64);
+    if (!joined) return way->active && way->shrink > 1e-3 ? 1 : pandis__go_on(p, way, at, target);
+    double gap = pandis__between(target, at) - look->free;
+    /* another wall: look from lower, between them */
+    if (gap > (p->flat ? PANDIS__GAP : look->free) && way->narrow++ < 6) {
+        c->lift = fmax(c->lift * fmin(0.9, fmax(0.4, PANDIS__GAP / gap)), PANDIS__HOVER / 64);
+        pandis__learn(p, look, p->x, 0);
+        return 1;
+    }
+    pandis__take_ball(p, look);
+    *height = look->free - pandis__between(target, at);
+    return 2;
+}
+
+/* Refuse a place that is farther from the probe than the proxy is. `learnt`: whether this hop found
+ * a plane. 0: no answer. */
+static int pandis__refuse(pandis__proxy *p, pandis__way *way, int learnt) {
+    if (learnt && way->refused < 2) { /* another wall, which changes the goal */
+        way->refused++;
+        return 1;
+    }
+    /* the known planes are inconsistent: start over from the surface at the proxy */
+    if (way->refused++ < 3) {
+        if (!pandis__emerge(p)) return 0;
+        p->state->close = 1;
+        return 1;
+    }
+    way->shrink *= 0.25;
+    if (way->shrink <= 1e-2) way->held = way->stuck = 1; /* the next step tries again */
+    return 1;
+}
+
+/* Try to bring the proxy to a target. 0: there was no answer. */
+static int pandis__hop(pandis__proxy *p, pandis__way *way, const double *probe, double *target) {
+    pandis__contact *c = p->state;
+    pandis__look look, near;
+    double place[3], step = pandis__between(target, p->x);
+    double most = way->active ? way->shrink * fmax(1.9 * p->ball[3], 1e-3 * PANDIS__HOVER) : step;
+    if (step > most)
+        for (int k = 0; k < 3; k++) target[k] = p->x[k] + most / step * (target[k] - p->x[k]);
+    double over = pandis__between(target, p->ball) - p->ball[3], height = 0;
+    int closely = !p->flat || c->close; /* look at the place itself, not from above */
+    int looked = !closely || over > 0.25 * c->lift;
+    if (looked) {
+        int goes = pandis__hop_over(p, way, target, &look, &height);
+        if (goes < 2) return goes;
+    }
+    if (!closely && height < -PANDIS__SLIVER) { /* in an edge: the ball does not reach into it */
+        pandis__learn(p, &look, target, height);
+        if (!pandis__look_at(p, target, &near)) return 0;
+        height = near.distance;
+        /* on the surface the normal may be an edge's or a fold's */
+        if (fabs(height) > p->blur) look = near;
+        /* nothing new */
+        if (height > (p->flat ? -p->blur : -PANDIS__SLIVER)) look.at[0] = (double)NAN;
+    }
+    if (closely && height < PANDIS__HOVER) {
+        if (!pandis__look_at(p, target, &near)) return 0;
+        if (near.distance < -PANDIS__HOVER) { /* deeper than expected */
+            way->shrink *= 0.3;
+            return way->active && way->shrink > 1e-3 ? 1 : pandis__go_on(p, way, target, target);
+        }
+        if (near.free > p->ball[3]) pandis__take_ball(p, &near);
+        height = near.distance;
+        if (!p->flat || !looked || fabs(height) > p->blur) look = near;
+    }
+    int learnt = look.at[0] == look.at[0];
+    if (learnt) pandis__learn(p, &look, target, height);
+    pandis__nearest_in_front(p->plane, p->count, target, place);
+    double now = pandis__between(p->x, probe);
+    if (pandis__between(place, p->x) > PANDIS__SMALL && way->active &&
+        pandis__between(place, probe) > now * (1 + 1e-9) + PANDIS__SMALL)
+        return pandis__refuse(p, way, learnt);
+    if (pandis__between(place, target) > PANDIS__SLIVER) { /* another wall: look there first */
+        way->held = way->stuck = ++way->turned > 6;
+        return 1;
+    }
+    pandis__arrive(p, way, place);
+    return 1;
+}
+/* -------------------- how a proxy follows the probe */
+
 /* Distance that friction and drag let the proxy move to a place `step` away, if it is pressed in by
  * `press`. */
 static double pandis__rubbed(pandis__contact *c, pandis__way *way, double step, double press) {
@@ -4393,60 +4556,6 @@ static double pandis__aim(pandis__proxy *p, pandis__way *way, const double *prob
     return step;
 }
 
-/* Move the proxy to a place. */
-static void pandis__arrive(pandis__proxy *p, pandis__way *way, const double *place) {
-    double step = pandis__between(place, p->x);
-    way->shrink = 1;
-    if (step > 1e-3 * PANDIS__SLIVER) p->state->settled = 0;
-    if (step > PANDIS__SLIVER) p->state->close = 0;
-    if (way->active && !way->arriving)
-        way->slip = fmax(0, way->slip - step), way->slid += step, way->travel -= step;
-    memcpy(p->x, place, 3 * sizeof *place);
-}
-
-/* Move towards a place beyond the known free space: to the rim of the ball, from where the next
- * look is taken. */
-static int pandis__go_on(
-    pandis__proxy *p, pandis__way *way, const double *at, const double *target) {
-    pandis__look look;
-    if (way->active && !way->arriving) { /* the proxy is on the surface, and stays there */
-        way->held = way->stuck = 1;
-        return 1;
-    }
-    double rim[3], place[3], far = pandis__between(at, p->ball),
-                             share = fmin(1, 0.95 * p->ball[3] / far);
-    for (int k = 0; k < 3; k++) rim[k] = p->ball[k] + share * (at[k] - p->ball[k]);
-    if (!pandis__look_at(p, rim, &look)) return 0;
-    if (look.free > 0) {
-        double to = pandis__between(target, rim), within = to > look.free ? look.free / to : 1;
-        for (int k = 0; k < 3; k++) place[k] = rim[k] + within * (target[k] - rim[k]);
-        pandis__take_ball(p, &look);
-        if (!p->exact) { /* a field steeper than a distance overstates the free space */
-            pandis__look near;
-            if (!pandis__look_at(p, place, &near)) return 0;
-            if (near.distance < -PANDIS__SLIVER) {
-                memcpy(place, rim, sizeof place);
-                look = near;
-            }
-        }
-        pandis__arrive(p, way, place);
-    }
-    pandis__learn(p, &look, p->x, 0);
-    return 1;
-}
-
-/* Start over from the surface at the proxy, which is moved out if it has sunk in by less than a
- * sliver. 0: no answer. */
-static int pandis__emerge(pandis__proxy *p) {
-    pandis__look look;
-    if (!pandis__look_at(p, p->x, &look)) return 0;
-    if (p->flat && look.distance < 0 && look.distance > -PANDIS__SLIVER)
-        memcpy(p->x, look.foot, sizeof look.foot);
-    p->count = 0;
-    pandis__learn(p, &look, p->x, 0);
-    return 1;
-}
-
 /* Move the proxy in front of the planes that it is behind by at most a sliver. Planes that it is
  * farther behind are dropped: the proxy is free, so they are beyond an edge. */
 static void pandis__come_out(pandis__proxy *p) {
@@ -4460,98 +4569,6 @@ static void pandis__come_out(pandis__proxy *p) {
     pandis__nearest_in_front(p->plane, p->count, p->x, place);
     if (pandis__between(place, p->x) < PANDIS__FARTHEST * PANDIS__SLIVER)
         memcpy(p->x, place, sizeof place);
-}
-
-/* Try to bring the proxy to a target. 0: there was no answer. */
-static int pandis__hop(pandis__proxy *p, pandis__way *way, const double *probe, double *target) {
-    pandis__contact *c = p->state;
-    pandis__look look, near;
-    double at[3], place[3], step = pandis__between(target, p->x);
-    double most = way->active ? way->shrink * fmax(1.9 * p->ball[3], 1e-3 * PANDIS__HOVER) : step;
-    if (step > most)
-        for (int k = 0; k < 3; k++) target[k] = p->x[k] + most / step * (target[k] - p->x[k]);
-    double over = pandis__between(target, p->ball) - p->ball[3], height = 0;
-    int closely = !p->flat || c->close; /* look at the place itself, not from above */
-    int looked = !closely || over > 0.25 * c->lift;
-    if (looked) {
-        pandis__lifted(p, target, NULL, c->lift, at);
-        if (!pandis__look_at(p, at, &look)) return 0;
-        int joined =
-            look.free > 0 && pandis__between(at, p->ball) <= (p->ball[3] + look.free) * (1 + 1e-9);
-        /* an unknown wall, or one forgotten since */
-        if (!joined && way->active && (!p->flat || pandis__unknown(p, &look)) && way->lost++ < 2) {
-            /* the ball must be in front of the foot: else that is a wall's other side */
-            double before = 0;
-            for (int k = 0; k < 3; k++) before += (p->ball[k] - look.foot[k]) * look.normal[k];
-            if (before < 0.5 * p->ball[3] && !pandis__look_at(p, p->x, &look)) return 0;
-            pandis__learn(p, &look, p->x, 0);
-            return 1;
-        }
-        int reaches = pandis__between(p->ball, p->x) <= p->ball[3] + PANDIS__GAP;
-        if (!joined && way->active && !(reaches && way->shrink > 0.02) && !way->climbed++) {
-            int climbed = pandis__climb(p);
-            way->climbed = climbed == 1, way->shrink = 1;
-            return climbed;
-        }
-        if (!joined && way->active)
-            way->shrink *= 0.3, c->lift = fmax(0.7 * c->lift, PANDIS__HOVER / 64);
-        if (!joined)
-            return way->active && way->shrink > 1e-3 ? 1 : pandis__go_on(p, way, at, target);
-        double gap = pandis__between(target, at) - look.free;
-        /* another wall: look from lower, between them */
-        if (gap > (p->flat ? PANDIS__GAP : look.free) && way->narrow++ < 6) {
-            c->lift = fmax(c->lift * fmin(0.9, fmax(0.4, PANDIS__GAP / gap)), PANDIS__HOVER / 64);
-            pandis__learn(p, &look, p->x, 0);
-            return 1;
-        }
-        pandis__take_ball(p, &look);
-        height = look.free - pandis__between(target, at); /* lower bound for the target */
-    }
-    if (!closely && height < -PANDIS__SLIVER) { /* in an edge: the ball does not reach into it */
-        pandis__learn(p, &look, target, height);
-        if (!pandis__look_at(p, target, &near)) return 0;
-        height = near.distance;
-        /* on the surface the normal may be an edge's or a fold's */
-        if (fabs(height) > p->blur) look = near;
-        /* nothing new */
-        if (height > (p->flat ? -p->blur : -PANDIS__SLIVER)) look.at[0] = (double)NAN;
-    }
-    if (closely && height < PANDIS__HOVER) {
-        if (!pandis__look_at(p, target, &near)) return 0;
-        if (near.distance < -PANDIS__HOVER) { /* deeper than expected */
-            way->shrink *= 0.3;
-            return way->active && way->shrink > 1e-3 ? 1 : pandis__go_on(p, way, target, target);
-        }
-        if (near.free > p->ball[3]) pandis__take_ball(p, &near);
-        height = near.distance;
-        if (!p->flat || !looked || fabs(height) > p->blur) look = near;
-    }
-    if (look.at[0] == look.at[0]) pandis__learn(p, &look, target, height);
-    pandis__nearest_in_front(p->plane, p->count, target, place);
-    if (pandis__between(place, p->x) > PANDIS__SMALL && way->active &&
-        pandis__between(place, probe) > pandis__between(p->x, probe) * (1 + 1e-9) + PANDIS__SMALL) {
-        /* another wall, which changes the goal */
-        if (look.at[0] == look.at[0] && way->refused < 2) {
-            way->refused++;
-            return 1;
-        }
-        /* the known planes are inconsistent: start over from the surface at the proxy */
-        if (way->refused++ < 3) {
-            if (!pandis__emerge(p)) return 0;
-            c->close = 1;
-            return 1;
-        }
-        way->shrink *= 0.25;
-        if (way->shrink > 1e-2) return 1;
-        way->held = way->stuck = 1; /* the next step tries again */
-        return 1;
-    }
-    if (pandis__between(place, target) > PANDIS__SLIVER) { /* another wall: look there first */
-        way->held = way->stuck = ++way->turned > 6;
-        return 1;
-    }
-    pandis__arrive(p, way, place);
-    return 1;
 }
 
 /* Look again at a plane, from where it is nearer than the other planes that hold the proxy. Returns
@@ -4766,66 +4783,102 @@ PANDIS__ONCE static int pandis__stand(pandis__proxy *p) {
     return 0;
 }
 
+/* A step that a walk could take. */
+typedef struct {
+    double left;          /* distance from the proxy to the probe */
+    double pace, length;  /* length as planned, and as found */
+    double along, nearer; /* by how much it leads towards the probe, and comes nearer to it */
+    double friction;      /* what `along` must exceed */
+} pandis__stride;
+
+static void pandis__measure_stride(const pandis__proxy *p, const pandis__way *way,
+    const double *probe, const double *place, pandis__stride *s) {
+    s->length = pandis__between(place, p->x), s->along = 0;
+    s->nearer = s->left - pandis__between(place, probe);
+    for (int k = 0; k < 3; k++) s->along += (place[k] - p->x[k]) * (probe[k] - p->x[k]);
+    s->along /= fmax(s->length, PANDIS__SMALL);
+    s->friction = (p->state->sticks ? way->sticking : way->sliding) *
+        sqrt(fmax(0, s->left * s->left - s->along * s->along));
+    if (!p->count) s->friction = 0;
+}
+
+static int pandis__approaches(const pandis__stride *s) {
+    return s->length <= 3 * s->pace && s->along > fmax(s->friction, PANDIS__LEAN * s->left) &&
+        s->nearer > 1e-3 * s->pace;
+}
+
+/* Whether a place lies behind the surface, whose normal was `side`, and has the opposite normal: it
+ * is a thin wall's other side. */
+static int pandis__pierces(
+    const pandis__proxy *p, const pandis__look *look, const double *side, double length) {
+    double behind = 0;
+    for (int k = 0; k < 3; k++) behind -= (look->at[k] - p->x[k]) * side[k];
+    return behind > 0.1 * length && pandis__dot(side, look->normal) < -0.5;
+}
+
+/* Whether a step leads around an edge, and is so long that a part of it may be inside. */
+static int pandis__rounds_edge(const pandis__stride *s, const double *side, const double *normal) {
+    return s->pace > PANDIS__CHORD && s->length > PANDIS__CHORD &&
+        pandis__dot(side, normal) < PANDIS__FLAT;
+}
+
+/* Give the last ball a height at which new balls join it. Returns what pandis__stand returns. */
+static int pandis__lower(pandis__proxy *p) {
+    pandis__contact *c = p->state;
+    double far = pandis__between(p->ball, p->x), least = fmax(far / PANDIS__FARTHEST, PANDIS__NEAR);
+    c->lift = fmin(PANDIS__HOVER, fmax(fmin(c->lift, far), least));
+    return far > p->ball[3] + PANDIS__GAP ? pandis__stand(p) : 1;
+}
+
+/* Move the proxy by a share of the way to a place. */
+static void pandis__take_step(pandis__proxy *p, const pandis__look *look, double share) {
+    pandis__contact *c = p->state;
+    for (int k = 0; k < 3; k++) p->x[k] += share * (look->at[k] - p->x[k]);
+    c->settled = c->close = c->sticks = 0;
+    if (p->exact) return;
+    /* after an empty ball on the surface, the next step looks from above */
+    pandis__take_ball(p, look);
+    memcpy(p->ball, p->x, 3 * sizeof *p->ball);
+    if (p->count || !(look->free > 0)) p->ball[3] = PANDIS__SMALL, p->ball[4] = -1;
+}
+
 /* Walk towards the probe, with all but one query of the budget. 0: no answer. */
 PANDIS__ONCE static int pandis__walk_on(pandis__proxy *p, pandis__way *way, const double *probe) {
     pandis__contact *c = p->state;
     pandis__plane known[PANDIS__PLANES];
     pandis__look look;
-    double slip = -1, clear = 0, slope = 1, side[3] = {0};
-    /* one query is left to the hops, which make no progress here */
-    const int most = c->options.budget - 1;
+    pandis__stride s;
+    double goal[3], slip = -1, clear = 0, slope = 1, side[3] = {0};
+    const int most = c->options.budget - 1; /* one query is left to the hops */
     /* out of the surface first, if the proxy has sunk in */
-    int first = !p->exact, good = 1, anew = 0;
-    if (p->exact) { /* keep the last ball's height, so that new balls join it */
-        double far = pandis__between(p->ball, p->x),
-               least = fmax(far / PANDIS__FARTHEST, PANDIS__NEAR);
-        c->lift = fmin(PANDIS__HOVER, fmax(fmin(c->lift, far), least));
-        if (far > p->ball[3] + PANDIS__GAP) good = pandis__stand(p);
-    }
+    int first = !p->exact, anew = 0, good = p->exact ? pandis__lower(p) : 1;
     if (good < 1) return good + 1;
     for (; c->pace > PANDIS__TIRED * PANDIS__PACE && p->queries + 2 <= most; first = 0) {
-        double goal[3], left = pandis__between(probe, p->x), along = 0, share = 1;
-        if (left <= PANDIS__SMALL) break;
-        const double pace = first ? 0 : fmin(fmax(c->pace, clear), left);
-        for (int k = 0; k < 3; k++) goal[k] = p->x[k] + pace / left * (probe[k] - p->x[k]);
+        s.left = pandis__between(probe, p->x);
+        if (s.left <= PANDIS__SMALL) break;
+        s.pace = first ? 0 : fmin(fmax(c->pace, clear), s.left);
+        for (int k = 0; k < 3; k++) goal[k] = p->x[k] + s.pace / s.left * (probe[k] - p->x[k]);
         const int count = p->count;
         memcpy(known, p->plane, sizeof known);
-        good = pandis__free_place(p, goal, first ? PANDIS__PACE : 3 * pace, &slope, &look);
-        double step = pandis__between(look.at, p->x), behind = 0,
-               nearer = left - pandis__between(look.at, probe);
-        for (int k = 0; k < 3; k++) {
-            along += (look.at[k] - p->x[k]) * (probe[k] - p->x[k]);
-            behind -= (look.at[k] - p->x[k]) * side[k];
-        }
-        along /= fmax(step, PANDIS__SMALL);
-        double friction =
-            (c->sticks ? way->sticking : way->sliding) * sqrt(fmax(0, left * left - along * along));
-        if (!p->count) friction = 0;
-        if (good == 1 && first) good = p->count > 0;
-        else if (good == 1)
-            good = step <= 3 * pace && along > fmax(friction, PANDIS__LEAN * left) &&
-                nearer > 1e-3 * pace;
-        /* a place behind the surface with the opposite normal is a thin wall's other side */
-        if (good == 1 && pace > clear && behind > 0.1 * step &&
-            pandis__dot(side, look.normal) < -0.5)
-            good = 0;
-        /* no ball there joins the last one, although the proxy is in front of the walls seen from
-         * there */
-        int apart = 0;
-        if (good == 1 && p->exact) {
-            good = p->queries < c->options.budget
-                ? pandis__covers(p, look.at, step > PANDIS__SLIVER)
-                : 0;
+        good = pandis__free_place(p, goal, first ? PANDIS__PACE : 3 * s.pace, &slope, &look);
+        if (good < 0) return 0;
+        pandis__measure_stride(p, way, probe, look.at, &s);
+        if (good) good = first ? p->count > 0 : pandis__approaches(&s);
+        if (good && s.pace > clear && pandis__pierces(p, &look, side, s.length)) good = 0;
+        int apart =
+            0; /* no ball there joins the last one, but the proxy is in front of the walls */
+        if (good && p->exact) {
+            int reaches = s.length > PANDIS__SLIVER;
+            good = p->queries < c->options.budget ? pandis__covers(p, look.at, reaches) : 0;
+            if (good < 0) return 0;
             apart = !good && !anew;
             for (int i = 0; i < p->count; i++)
                 apart = apart && pandis__height(p->plane + i, p->x) > -PANDIS__ABOVE;
         }
-        if (good < 0) return 0;
-        double slips = slip < 0 ? way->soft < 1 ? way->soft * (along - friction) : 1e300 : slip;
-        if (p->count && !first) share = fmax(0, fmin(1, fmin(slips, way->travel) / step));
-        /* part of a long step around an edge may be inside */
-        int cuts = share < 1 && pace > PANDIS__CHORD && step > PANDIS__CHORD &&
-            pandis__dot(side, look.normal) < PANDIS__FLAT;
+        double share = 1, slips = slip;
+        if (slip < 0) slips = way->soft < 1 ? way->soft * (s.along - s.friction) : 1e300;
+        if (p->count && !first) share = fmax(0, fmin(1, fmin(slips, way->travel) / s.length));
+        int cuts = share < 1 && pandis__rounds_edge(&s, side, look.normal);
         if (good || first) memcpy(side, look.normal, sizeof side);
         if (!good || cuts) {
             /* above the proxy and the place, balls over the same planes join */
@@ -4835,24 +4888,17 @@ PANDIS__ONCE static int pandis__walk_on(pandis__proxy *p, pandis__way *way, cons
             }
             p->count = count;
             memcpy(p->plane, known, sizeof known);
-            if (!first) c->pace = good ? fmax(PANDIS__CHORD, 0.9 * share * pace) : c->pace / 2;
-            slope = 1;
-            clear = 0;
+            if (!first) c->pace = good ? fmax(PANDIS__CHORD, 0.9 * share * s.pace) : c->pace / 2;
+            slope = 1, clear = 0;
             continue;
         }
-        if (p->count && !first)
-            slip = slips - share * step, way->travel -= share * step, way->slid += share * step;
-        for (int k = 0; k < 3; k++) p->x[k] += share * (look.at[k] - p->x[k]);
-        c->settled = c->close = c->sticks = 0, clear = p->count ? 0 : look.free;
-        if (!p->exact) { /* after an empty ball on the surface, the next step looks from above */
-            pandis__take_ball(p, &look);
-            memcpy(p->ball, p->x, 3 * sizeof *p->ball);
-            if (p->count || !(look.free > 0)) p->ball[3] = PANDIS__SMALL, p->ball[4] = -1;
-        }
+        double moved = share * s.length;
+        if (p->count && !first) slip = slips - moved, way->travel -= moved, way->slid += moved;
+        clear = p->count ? 0 : look.free;
+        pandis__take_step(p, &look, share);
         if (first) continue;
         c->pace = fmin(1.5 * c->pace, PANDIS__PACE);
-        /* hops are faster, if they make progress from here */
-        if (p->exact) c->idle = PANDIS__IDLE - 2;
+        if (p->exact) c->idle = PANDIS__IDLE - 2; /* hops are faster, if they progress from here */
         if (share < 1) break;
     }
     return 1;

@@ -22,16 +22,55 @@ static float half_area(const float *low, const float *high) {
     return x * y + y * z + z * x;
 }
 
+static void include(float *low, float *high, const float *other_low, const float *other_high) {
+    for (int k = 0; k < 3; k++) {
+        if (other_low[k] < low[k]) low[k] = other_low[k];
+        if (other_high[k] > high[k]) high[k] = other_high[k];
+    }
+}
+
 static void bound(Builder *b, Range *r) {
     for (int k = 0; k < 3; k++) r->low[k] = INFINITY, r->high[k] = -INFINITY;
+    for (int32_t i = r->start; i < r->start + r->count; i++)
+        include(r->low, r->high, b->items[i].low, b->items[i].high);
+    r->area = half_area(r->low, r->high);
+}
+
+/* The bin of a centroid, of those between two coordinates of an axis. */
+static int bin_of(float centroid, float low, float high) {
+    float factor = BINS * 0.9999f / (high - low);
+    return (int)((centroid - low) * factor);
+}
+
+/* Find the cheapest split between two bins of an axis. Returns the last bin on the left, or -1 if
+ * none costs less than `best`, which becomes its cost. */
+static int cheapest_bin(
+    const Builder *b, const Range *r, int axis, float low, float high, float *best) {
+    float bin_low[BINS][3], bin_high[BINS][3], area[BINS];
+    int32_t count[BINS] = {0}, before = 0;
+    int found = -1;
+    for (int i = 0; i < BINS; i++)
+        for (int k = 0; k < 3; k++) bin_low[i][k] = INFINITY, bin_high[i][k] = -INFINITY;
     for (int32_t i = r->start; i < r->start + r->count; i++) {
         const Item *item = b->items + i;
-        for (int k = 0; k < 3; k++) {
-            if (item->low[k] < r->low[k]) r->low[k] = item->low[k];
-            if (item->high[k] > r->high[k]) r->high[k] = item->high[k];
-        }
+        int bin = bin_of(item->centroid[axis], low, high);
+        count[bin]++;
+        include(bin_low[bin], bin_high[bin], item->low, item->high);
     }
-    r->area = half_area(r->low, r->high);
+    float l[3] = {INFINITY, INFINITY, INFINITY}, h[3] = {-INFINITY, -INFINITY, -INFINITY};
+    for (int i = BINS - 1; i > 0; i--) { /* area of all bins from i on */
+        include(l, h, bin_low[i], bin_high[i]);
+        area[i] = h[0] >= l[0] ? half_area(l, h) : 0;
+    }
+    for (int k = 0; k < 3; k++) l[k] = INFINITY, h[k] = -INFINITY;
+    for (int i = 0; i < BINS - 1; i++) {
+        before += count[i];
+        include(l, h, bin_low[i], bin_high[i]);
+        if (!before || before == r->count) continue;
+        float cost = half_area(l, h) * (float)before + area[i + 1] * (float)(r->count - before);
+        if (cost < *best) *best = cost, found = i;
+    }
+    return found;
 }
 
 /* Split by the binned surface area heuristic; halve where that finds nothing. */
@@ -39,57 +78,19 @@ static void split(Builder *b, const Range *r, int depth, Range *left, Range *rig
     float low[3], high[3], best = INFINITY;
     int best_axis = -1, best_bin = 0;
     for (int k = 0; k < 3; k++) low[k] = INFINITY, high[k] = -INFINITY;
-    for (int32_t i = r->start; i < r->start + r->count; i++) {
-        const float *c = b->items[i].centroid;
-        for (int k = 0; k < 3; k++) {
-            if (c[k] < low[k]) low[k] = c[k];
-            if (c[k] > high[k]) high[k] = c[k];
-        }
-    }
+    for (int32_t i = r->start; i < r->start + r->count; i++)
+        include(low, high, b->items[i].centroid, b->items[i].centroid);
     for (int axis = 0; axis < 3 && depth < MEDIAN_DEPTH; axis++) {
         if (!(high[axis] > low[axis])) continue;
-        float bin_low[BINS][3], bin_high[BINS][3], area[BINS];
-        int32_t count[BINS] = {0};
-        float factor = BINS * 0.9999f / (high[axis] - low[axis]);
-        for (int i = 0; i < BINS; i++)
-            for (int k = 0; k < 3; k++) bin_low[i][k] = INFINITY, bin_high[i][k] = -INFINITY;
-        for (int32_t i = r->start; i < r->start + r->count; i++) {
-            const Item *item = b->items + i;
-            int bin = (int)((item->centroid[axis] - low[axis]) * factor);
-            count[bin]++;
-            for (int k = 0; k < 3; k++) {
-                if (item->low[k] < bin_low[bin][k]) bin_low[bin][k] = item->low[k];
-                if (item->high[k] > bin_high[bin][k]) bin_high[bin][k] = item->high[k];
-            }
-        }
-        float l[3] = {INFINITY, INFINITY, INFINITY}, h[3] = {-INFINITY, -INFINITY, -INFINITY};
-        for (int i = BINS - 1; i > 0; i--) { /* area of all bins from i on */
-            for (int k = 0; k < 3; k++) {
-                if (bin_low[i][k] < l[k]) l[k] = bin_low[i][k];
-                if (bin_high[i][k] > h[k]) h[k] = bin_high[i][k];
-            }
-            area[i] = h[0] >= l[0] ? half_area(l, h) : 0;
-        }
-        int32_t before = 0;
-        for (int k = 0; k < 3; k++) l[k] = INFINITY, h[k] = -INFINITY;
-        for (int i = 0; i < BINS - 1; i++) {
-            before += count[i];
-            for (int k = 0; k < 3; k++) {
-                if (bin_low[i][k] < l[k]) l[k] = bin_low[i][k];
-                if (bin_high[i][k] > h[k]) h[k] = bin_high[i][k];
-            }
-            if (!before || before == r->count) continue;
-            float cost = half_area(l, h) * (float)before + area[i + 1] * (float)(r->count - before);
-            if (cost < best) best = cost, best_axis = axis, best_bin = i;
-        }
+        int bin = cheapest_bin(b, r, axis, low[axis], high[axis], &best);
+        if (bin >= 0) best_axis = axis, best_bin = bin;
     }
     int32_t middle = r->start + r->count / 2;
     if (best_axis >= 0) {
-        float factor = BINS * 0.9999f / (high[best_axis] - low[best_axis]);
         int32_t i = r->start, j = r->start + r->count;
         while (i < j) {
             float c = b->items[i].centroid[best_axis];
-            if ((int)((c - low[best_axis]) * factor) <= best_bin) {
+            if (bin_of(c, low[best_axis], high[best_axis]) <= best_bin) {
                 i++;
             } else {
                 Item swap = b->items[--j];

@@ -110,66 +110,102 @@ PANDIS__ONCE static int pandis__stand(pandis__proxy *p) {
     return 0;
 }
 
+/* A step that a walk could take. */
+typedef struct {
+    double left;          /* distance from the proxy to the probe */
+    double pace, length;  /* length as planned, and as found */
+    double along, nearer; /* by how much it leads towards the probe, and comes nearer to it */
+    double friction;      /* what `along` must exceed */
+} pandis__stride;
+
+static void pandis__measure_stride(const pandis__proxy *p, const pandis__way *way,
+    const double *probe, const double *place, pandis__stride *s) {
+    s->length = pandis__between(place, p->x), s->along = 0;
+    s->nearer = s->left - pandis__between(place, probe);
+    for (int k = 0; k < 3; k++) s->along += (place[k] - p->x[k]) * (probe[k] - p->x[k]);
+    s->along /= fmax(s->length, PANDIS__SMALL);
+    s->friction = (p->state->sticks ? way->sticking : way->sliding) *
+        sqrt(fmax(0, s->left * s->left - s->along * s->along));
+    if (!p->count) s->friction = 0;
+}
+
+static int pandis__approaches(const pandis__stride *s) {
+    return s->length <= 3 * s->pace && s->along > fmax(s->friction, PANDIS__LEAN * s->left) &&
+        s->nearer > 1e-3 * s->pace;
+}
+
+/* Whether a place lies behind the surface, whose normal was `side`, and has the opposite normal: it
+ * is a thin wall's other side. */
+static int pandis__pierces(
+    const pandis__proxy *p, const pandis__look *look, const double *side, double length) {
+    double behind = 0;
+    for (int k = 0; k < 3; k++) behind -= (look->at[k] - p->x[k]) * side[k];
+    return behind > 0.1 * length && pandis__dot(side, look->normal) < -0.5;
+}
+
+/* Whether a step leads around an edge, and is so long that a part of it may be inside. */
+static int pandis__rounds_edge(const pandis__stride *s, const double *side, const double *normal) {
+    return s->pace > PANDIS__CHORD && s->length > PANDIS__CHORD &&
+        pandis__dot(side, normal) < PANDIS__FLAT;
+}
+
+/* Give the last ball a height at which new balls join it. Returns what pandis__stand returns. */
+static int pandis__lower(pandis__proxy *p) {
+    pandis__contact *c = p->state;
+    double far = pandis__between(p->ball, p->x), least = fmax(far / PANDIS__FARTHEST, PANDIS__NEAR);
+    c->lift = fmin(PANDIS__HOVER, fmax(fmin(c->lift, far), least));
+    return far > p->ball[3] + PANDIS__GAP ? pandis__stand(p) : 1;
+}
+
+/* Move the proxy by a share of the way to a place. */
+static void pandis__take_step(pandis__proxy *p, const pandis__look *look, double share) {
+    pandis__contact *c = p->state;
+    for (int k = 0; k < 3; k++) p->x[k] += share * (look->at[k] - p->x[k]);
+    c->settled = c->close = c->sticks = 0;
+    if (p->exact) return;
+    /* after an empty ball on the surface, the next step looks from above */
+    pandis__take_ball(p, look);
+    memcpy(p->ball, p->x, 3 * sizeof *p->ball);
+    if (p->count || !(look->free > 0)) p->ball[3] = PANDIS__SMALL, p->ball[4] = -1;
+}
+
 /* Walk towards the probe, with all but one query of the budget. 0: no answer. */
 PANDIS__ONCE static int pandis__walk_on(pandis__proxy *p, pandis__way *way, const double *probe) {
     pandis__contact *c = p->state;
     pandis__plane known[PANDIS__PLANES];
     pandis__look look;
-    double slip = -1, clear = 0, slope = 1, side[3] = {0};
-    /* one query is left to the hops, which make no progress here */
-    const int most = c->options.budget - 1;
+    pandis__stride s;
+    double goal[3], slip = -1, clear = 0, slope = 1, side[3] = {0};
+    const int most = c->options.budget - 1; /* one query is left to the hops */
     /* out of the surface first, if the proxy has sunk in */
-    int first = !p->exact, good = 1, anew = 0;
-    if (p->exact) { /* keep the last ball's height, so that new balls join it */
-        double far = pandis__between(p->ball, p->x),
-               least = fmax(far / PANDIS__FARTHEST, PANDIS__NEAR);
-        c->lift = fmin(PANDIS__HOVER, fmax(fmin(c->lift, far), least));
-        if (far > p->ball[3] + PANDIS__GAP) good = pandis__stand(p);
-    }
+    int first = !p->exact, anew = 0, good = p->exact ? pandis__lower(p) : 1;
     if (good < 1) return good + 1;
     for (; c->pace > PANDIS__TIRED * PANDIS__PACE && p->queries + 2 <= most; first = 0) {
-        double goal[3], left = pandis__between(probe, p->x), along = 0, share = 1;
-        if (left <= PANDIS__SMALL) break;
-        const double pace = first ? 0 : fmin(fmax(c->pace, clear), left);
-        for (int k = 0; k < 3; k++) goal[k] = p->x[k] + pace / left * (probe[k] - p->x[k]);
+        s.left = pandis__between(probe, p->x);
+        if (s.left <= PANDIS__SMALL) break;
+        s.pace = first ? 0 : fmin(fmax(c->pace, clear), s.left);
+        for (int k = 0; k < 3; k++) goal[k] = p->x[k] + s.pace / s.left * (probe[k] - p->x[k]);
         const int count = p->count;
         memcpy(known, p->plane, sizeof known);
-        good = pandis__free_place(p, goal, first ? PANDIS__PACE : 3 * pace, &slope, &look);
-        double step = pandis__between(look.at, p->x), behind = 0,
-               nearer = left - pandis__between(look.at, probe);
-        for (int k = 0; k < 3; k++) {
-            along += (look.at[k] - p->x[k]) * (probe[k] - p->x[k]);
-            behind -= (look.at[k] - p->x[k]) * side[k];
-        }
-        along /= fmax(step, PANDIS__SMALL);
-        double friction =
-            (c->sticks ? way->sticking : way->sliding) * sqrt(fmax(0, left * left - along * along));
-        if (!p->count) friction = 0;
-        if (good == 1 && first) good = p->count > 0;
-        else if (good == 1)
-            good = step <= 3 * pace && along > fmax(friction, PANDIS__LEAN * left) &&
-                nearer > 1e-3 * pace;
-        /* a place behind the surface with the opposite normal is a thin wall's other side */
-        if (good == 1 && pace > clear && behind > 0.1 * step &&
-            pandis__dot(side, look.normal) < -0.5)
-            good = 0;
-        /* no ball there joins the last one, although the proxy is in front of the walls seen from
-         * there */
-        int apart = 0;
-        if (good == 1 && p->exact) {
-            good = p->queries < c->options.budget
-                ? pandis__covers(p, look.at, step > PANDIS__SLIVER)
-                : 0;
+        good = pandis__free_place(p, goal, first ? PANDIS__PACE : 3 * s.pace, &slope, &look);
+        if (good < 0) return 0;
+        pandis__measure_stride(p, way, probe, look.at, &s);
+        if (good) good = first ? p->count > 0 : pandis__approaches(&s);
+        if (good && s.pace > clear && pandis__pierces(p, &look, side, s.length)) good = 0;
+        int apart =
+            0; /* no ball there joins the last one, but the proxy is in front of the walls */
+        if (good && p->exact) {
+            int reaches = s.length > PANDIS__SLIVER;
+            good = p->queries < c->options.budget ? pandis__covers(p, look.at, reaches) : 0;
+            if (good < 0) return 0;
             apart = !good && !anew;
             for (int i = 0; i < p->count; i++)
                 apart = apart && pandis__height(p->plane + i, p->x) > -PANDIS__ABOVE;
         }
-        if (good < 0) return 0;
-        double slips = slip < 0 ? way->soft < 1 ? way->soft * (along - friction) : 1e300 : slip;
-        if (p->count && !first) share = fmax(0, fmin(1, fmin(slips, way->travel) / step));
-        /* part of a long step around an edge may be inside */
-        int cuts = share < 1 && pace > PANDIS__CHORD && step > PANDIS__CHORD &&
-            pandis__dot(side, look.normal) < PANDIS__FLAT;
+        double share = 1, slips = slip;
+        if (slip < 0) slips = way->soft < 1 ? way->soft * (s.along - s.friction) : 1e300;
+        if (p->count && !first) share = fmax(0, fmin(1, fmin(slips, way->travel) / s.length));
+        int cuts = share < 1 && pandis__rounds_edge(&s, side, look.normal);
         if (good || first) memcpy(side, look.normal, sizeof side);
         if (!good || cuts) {
             /* above the proxy and the place, balls over the same planes join */
@@ -179,24 +215,17 @@ PANDIS__ONCE static int pandis__walk_on(pandis__proxy *p, pandis__way *way, cons
             }
             p->count = count;
             memcpy(p->plane, known, sizeof known);
-            if (!first) c->pace = good ? fmax(PANDIS__CHORD, 0.9 * share * pace) : c->pace / 2;
-            slope = 1;
-            clear = 0;
+            if (!first) c->pace = good ? fmax(PANDIS__CHORD, 0.9 * share * s.pace) : c->pace / 2;
+            slope = 1, clear = 0;
             continue;
         }
-        if (p->count && !first)
-            slip = slips - share * step, way->travel -= share * step, way->slid += share * step;
-        for (int k = 0; k < 3; k++) p->x[k] += share * (look.at[k] - p->x[k]);
-        c->settled = c->close = c->sticks = 0, clear = p->count ? 0 : look.free;
-        if (!p->exact) { /* after an empty ball on the surface, the next step looks from above */
-            pandis__take_ball(p, &look);
-            memcpy(p->ball, p->x, 3 * sizeof *p->ball);
-            if (p->count || !(look.free > 0)) p->ball[3] = PANDIS__SMALL, p->ball[4] = -1;
-        }
+        double moved = share * s.length;
+        if (p->count && !first) slip = slips - moved, way->travel -= moved, way->slid += moved;
+        clear = p->count ? 0 : look.free;
+        pandis__take_step(p, &look, share);
         if (first) continue;
         c->pace = fmin(1.5 * c->pace, PANDIS__PACE);
-        /* hops are faster, if they make progress from here */
-        if (p->exact) c->idle = PANDIS__IDLE - 2;
+        if (p->exact) c->idle = PANDIS__IDLE - 2; /* hops are faster, if they progress from here */
         if (share < 1) break;
     }
     return 1;
