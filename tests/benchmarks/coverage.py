@@ -43,7 +43,8 @@ int __wrap_raise(int number) { __llvm_profile_write_file(); return __real_raise(
 """
 #: What is reported, of workflow/pandis.
 FILES = ("engine/pandis.h", "runtime/contact/contact.c", *(f"runtime/device/{name}" for name in (
-    "guard.h", "energy.h", "shaking.h", "client.c", "ticks.h", "signals.h", "watchdog.h", "hd.h", "bridge.h",
+    "guard.h", "energy.h", "shaking.h", "client.c", "ticks.h", "signals.h", "watchdog.h", "hd.h",
+    "bridge.h",
 )))  # fmt: skip
 #: Why no test takes a branch of a line that begins so.
 REASONS = {

@@ -1,6 +1,7 @@
 """The order of folders is the rule of imports: from one's own folder, and from those before it."""
 
 import ast
+import re
 
 import pytest
 
@@ -19,6 +20,9 @@ ORDER = (
 #: Folders whose own folders do not import each other, but may what lies beside them.
 SIBLINGS = ("bridges", "pipeline.kinds")
 LINES = 400
+#: Lines of a function in C, from its type to its brace; clang-format puts both in column 1.
+FUNCTION = re.compile(r"^[A-Za-z][^;{}#]*\([^;{}]*\{\n.*?^\}", re.M | re.S)
+FUNCTION_LINES = 60
 
 
 def modules(package):
@@ -107,6 +111,21 @@ def test_no_file_is_long():
         lines = len(path.read_text(encoding="utf-8").splitlines())
         if lines > LINES and path.name != "pandis.h":
             long[path.relative_to(PACKAGE).as_posix()] = lines
+    assert long == {}
+
+
+def test_no_function_in_c_is_long():
+    long, count = {}, 0
+    for path in (ROOT / "workflow").rglob("*.[ch]"):
+        if path.name != "pandis.h":
+            functions = FUNCTION.findall(path.read_text(encoding="utf-8"))
+            count += len(functions)
+            long |= {
+                f"{path.name}: {text[:60]}": text.count("\n") + 1
+                for text in functions
+                if text.count("\n") >= FUNCTION_LINES
+            }
+    assert count > 400
     assert long == {}
 
 
