@@ -2588,6 +2588,37 @@ static int pandis__fits_four(const pandis__network *n) {
     return 4 * (ptrdiff_t)n->stride * pandis__rows(n) <= PANDIS__ROOM;
 }
 
+/* Go back through a network of one output, from the slopes of its sines to its gradients (4 numbers
+ * apart). `h` and `z` are room for a layer of all points. */
+PANDIS__INLINE void pandis__network_gradient(
+    const pandis__network *n, int count, const float *slopes, float *h, float *z, float *gradient) {
+    int stride = n->stride;
+    ptrdiff_t all = (ptrdiff_t)count * stride;
+    for (int p = 0; p < count; p++)
+        for (int j = 0; j < stride; j++)
+            h[p * (ptrdiff_t)stride + j] =
+                n->last[j] * slopes[(n->depth - 1) * all + p * (ptrdiff_t)stride + j];
+    for (int layer = n->depth - 1; layer > 0; layer--) {
+        ptrdiff_t at = (ptrdiff_t)(layer - 1) * n->width;
+        const float *slope = slopes + (layer - 1) * all;
+        if (n->hidden)
+            PANDIS__CHOOSE(pandis__products_f)(
+                n->hidden + at * stride, h, n->width, stride, z, stride, count);
+        else
+            PANDIS__CHOOSE(pandis__products_h)(
+                n->hidden16 + at * stride, h, n->width, stride, z, stride, count);
+        for (int p = 0; p < count; p++, z += stride, slope += stride) {
+            for (int i = 0; i < n->width; i++)
+                z[i] *= n->hidden ? slope[i] : n->scales[at + i] * slope[i];
+            for (int i = n->width; i < stride; i++) z[i] = 0;
+        }
+        z -= all;
+        float *swap = h;
+        h = z, z = swap;
+    }
+    PANDIS__CHOOSE(pandis__products_f)(n->first, h, 3, stride, gradient, 4, count);
+}
+
 /* Evaluate x -> sin(W x + b) ... -> phi and psi, or phi and its gradient; w0 is folded into W and
  * b. Four points share one pass over the weights; the answers are the same as for one. If normals
  * are NULL, no gradient is computed. */
@@ -2632,29 +2663,7 @@ PANDIS__INLINE void pandis__answer_network_body(const pandis__network *n, int co
         for (int k = 0; k < 3 && normal && !own; k++) normal[p][k] = (double)result[p][k + 1];
     }
     if (own && normal) {
-        for (int p = 0; p < count; p++)
-            for (int j = 0; j < stride; j++)
-                h[p * (ptrdiff_t)stride + j] =
-                    n->last[j] * slopes[(n->depth - 1) * all + p * (ptrdiff_t)stride + j];
-        for (int layer = n->depth - 1; layer > 0; layer--) {
-            ptrdiff_t at = (ptrdiff_t)(layer - 1) * n->width;
-            const float *slope = slopes + (layer - 1) * all;
-            if (n->hidden)
-                PANDIS__CHOOSE(pandis__products_f)(
-                    n->hidden + at * stride, h, n->width, stride, z, stride, count);
-            else
-                PANDIS__CHOOSE(pandis__products_h)(
-                    n->hidden16 + at * stride, h, n->width, stride, z, stride, count);
-            for (int p = 0; p < count; p++, z += stride, slope += stride) {
-                for (int i = 0; i < n->width; i++)
-                    z[i] *= n->hidden ? slope[i] : n->scales[at + i] * slope[i];
-                for (int i = n->width; i < stride; i++) z[i] = 0;
-            }
-            z -= all;
-            float *swap = h;
-            h = z, z = swap;
-        }
-        PANDIS__CHOOSE(pandis__products_f)(n->first, h, 3, stride, result[0], 4, count);
+        pandis__network_gradient(n, count, slopes, h, z, result[0]);
         for (int p = 0; p < count; p++)
             for (int k = 0; k < 3; k++) normal[p][k] = (double)result[p][k];
     }
@@ -5119,6 +5128,51 @@ static void pandis__tell_touch(const pandis__proxy *p, const pandis__way *way,
     if (c->sunk > 0) touch->state |= PANDIS_WAITING;
 }
 
+/* Restore the proxy that a contact keeps between steps; unused planes stay uninitialised. */
+static void pandis__recall(
+    pandis__contact *c, const pandis_field *f, double radius, pandis__proxy *p) {
+    p->state = c, p->field = f, p->radius = radius;
+    p->tolerance = f->kind == PANDIS_NETWORK ? 1e-6 : 1e-11;
+    /* the lattice step; rounding may fold faces */
+    p->blur = f->kind == PANDIS_COMPACT ? f->as.compact.step : PANDIS__BEHIND;
+    p->queries = 0, p->flag = PANDIS_OK;
+    p->exact = f->kind == PANDIS_MESH || f->kind == PANDIS_COMPACT || f->kind == PANDIS_SHAPE;
+    p->flat = p->exact && !c->options.texture;
+    p->x = c->proxy, p->ball = c->ball, p->count = c->planes;
+    memcpy(p->plane, c->plane, (size_t)p->count * sizeof *p->plane);
+}
+
+/* Keep what the next step needs of the proxy. */
+static void pandis__retain(
+    pandis__contact *c, const pandis__proxy *p, int active, const double *probe) {
+    c->planes = p->count < PANDIS__KEPT ? p->count : PANDIS__KEPT;
+    memcpy(c->plane, p->plane + (p->count - c->planes), (size_t)c->planes * sizeof *p->plane);
+    if (active) c->state = PANDIS__TOUCHES;
+    if (!active) c->sticks = 0;
+    if (active || pandis__between(p->x, probe) > 0) return;
+    c->state = PANDIS__CLEAR; /* arrived */
+    c->lift = PANDIS__HOVER, c->pace = PANDIS__PACE / 8;
+    c->settled = c->close = c->idle = 0;
+}
+
+/* Stretch the spring from the probe to the proxy, by at most a distance, and update the probe's
+ * smoothed velocity. */
+static void pandis__stretch(pandis__contact *c, const double *probe, double most, double dt) {
+    double pull[3], change = 0;
+    for (int k = 0; k < 3; k++) {
+        pull[k] = c->state == PANDIS__TOUCHES ? c->proxy[k] - probe[k] : 0;
+        change += (pull[k] - c->pull[k]) * (pull[k] - c->pull[k]);
+    }
+    double share = change > most * most ? most / sqrt(change) : 1, smoothed = dt / (dt + 0.002);
+    for (int k = 0; k < 3; k++) {
+        c->pull[k] += share * (pull[k] - c->pull[k]);
+        double fast = c->state == PANDIS__TOUCHES ? (probe[k] - c->probe[k]) / dt : 0;
+        double before = c->state == PANDIS__TOUCHES ? c->velocity[k] : 0;
+        c->velocity[k] = before + smoothed * (fast - before);
+        c->probe[k] = probe[k];
+    }
+}
+
 PANDIS_API pandis_flag pandis_contact_step(pandis_contact *handle, const pandis_object *object,
     const double position[3], double dt, pandis_touch *touch) {
     pandis__contact *contact = pandis__contact_of(handle);
@@ -5144,20 +5198,10 @@ PANDIS_API pandis_flag pandis_contact_step(pandis_contact *handle, const pandis_
     if (contact->state == PANDIS__BEGINS) contact->sunk = 0;
     contact->object = *object;
     pandis__proxy p; /* unused planes are uninitialised */
-    p.state = contact, p.field = f, p.radius = options->radius * per - contact->sunk,
-    p.tolerance = 1e-11;
-    /* the lattice step; rounding may fold faces */
-    p.blur = f->kind == PANDIS_COMPACT ? f->as.compact.step : PANDIS__BEHIND;
-    p.queries = 0, p.flag = PANDIS_OK;
-    p.exact = f->kind == PANDIS_MESH || f->kind == PANDIS_COMPACT || f->kind == PANDIS_SHAPE;
-    p.flat = p.exact && !options->texture;
-    if (f->kind == PANDIS_NETWORK) p.tolerance = 1e-6;
-    p.x = contact->proxy, p.ball = contact->ball, p.count = contact->planes;
-    memcpy(p.plane, contact->plane, (size_t)p.count * sizeof *p.plane);
+    pandis__recall(contact, f, options->radius * per - contact->sunk, &p);
     if (!contact->stalled) contact->lift = fmin(PANDIS__HOVER, 1.5 * contact->lift);
 
-    double moved = contact->state == PANDIS__BEGINS ? 0 : pandis__between(probe, contact->probe),
-           pulled[3];
+    double moved = contact->state == PANDIS__BEGINS ? 0 : pandis__between(probe, contact->probe);
     double soft =
         material->drag > 0 ? object->stiffness * dt / (object->stiffness * dt + material->drag) : 1;
     pandis__way way = {moved + options->slide * dt * per, material->sticking, material->sliding,
@@ -5177,31 +5221,9 @@ PANDIS_API pandis_flag pandis_contact_step(pandis_contact *handle, const pandis_
         return touch->flag;
     }
     if (!answered) return touch->flag = PANDIS_INVALID;
-    contact->planes = p.count < PANDIS__KEPT ? p.count : PANDIS__KEPT;
-    memcpy(contact->plane, p.plane + (p.count - contact->planes),
-        (size_t)contact->planes * sizeof *p.plane);
-    int active = way.active;
-    if (active) contact->state = PANDIS__TOUCHES;
-    if (!active) contact->sticks = 0;
-    if (!active && !(pandis__between(p.x, probe) > 0)) { /* arrived */
-        contact->state = PANDIS__CLEAR;
-        contact->lift = PANDIS__HOVER, contact->pace = PANDIS__PACE / 8;
-        contact->settled = contact->close = contact->idle = 0;
-    }
-    /* limit the spring's change to the distance that probe and proxy may move */
-    double most = 2 * moved + options->slide * dt * per, change = 0;
-    for (int k = 0; k < 3; k++) {
-        pulled[k] = contact->state == PANDIS__TOUCHES ? p.x[k] - probe[k] : 0;
-        change += (pulled[k] - contact->pull[k]) * (pulled[k] - contact->pull[k]);
-    }
-    double share = change > most * most ? most / sqrt(change) : 1, smoothed = dt / (dt + 0.002);
-    for (int k = 0; k < 3; k++) {
-        contact->pull[k] += share * (pulled[k] - contact->pull[k]);
-        double fast = contact->state == PANDIS__TOUCHES ? (probe[k] - contact->probe[k]) / dt : 0;
-        double before = contact->state == PANDIS__TOUCHES ? contact->velocity[k] : 0;
-        contact->velocity[k] = before + smoothed * (fast - before);
-        contact->probe[k] = probe[k];
-    }
+    pandis__retain(contact, &p, way.active, probe);
+    /* the spring changes by no more than probe and proxy may move */
+    pandis__stretch(contact, probe, 2 * moved + options->slide * dt * per, dt);
     pandis__tell_touch(&p, &way, object, material->damping, touch);
     return touch->flag;
 }

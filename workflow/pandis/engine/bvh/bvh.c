@@ -156,9 +156,39 @@ void bvh_turns(const Bvh *t, const double *points, int64_t count, double beta, d
     for (int64_t i = 0; i < count; i++) turns[i] = rough_winding(t, points + 3 * i, (float)beta);
 }
 
+/* Recent points whose sides are certain. */
 typedef struct {
-    double point[3], distance, side;
-} Known;
+    struct {
+        double point[3], distance, side;
+    } known[KNOWN];
+    int newest;
+} Recent;
+
+/* Check the side of a point at a distance: by a recent point, else by the winding number, and by
+ * the exact one if the sign contradicts that. Returns the side. */
+static double check_side(
+    const Bvh *t, const double *p, double distance, double sign, Recent *recent, int64_t *counts) {
+    double side = 0;
+    for (int j = 0; j < KNOWN && !side; j++) {
+        int k = (recent->newest + j) % KNOWN;
+        const double *other = recent->known[k].point;
+        double x[3] = {p[0] - other[0], p[1] - other[1], p[2] - other[2]};
+        /* a ball as large as its centre's distance contains no surface: balls that meet are on one
+         * side */
+        double reach = distance + recent->known[k].distance;
+        if (dot(x, x) * (1 + 1e-12) < reach * reach) side = recent->known[k].side;
+    }
+    if (!side) side = find_side(t, p), counts[0]++;
+    if (side != sign) {
+        side = exact_winding(t, p) > 0.5 ? -1 : 1;
+        if (side != sign) counts[1]++;
+    }
+    recent->newest = (recent->newest + KNOWN - 1) % KNOWN;
+    memcpy(recent->known[recent->newest].point, p, 3 * sizeof *p);
+    recent->known[recent->newest].distance = distance;
+    recent->known[recent->newest].side = side;
+    return side;
+}
 
 /* Label the points order[0 .. count - 1]. Outputs are indexed like the points; face, weights and
  * flags may be NULL. `counts` gets the number of signs compared with a winding number, and of signs
@@ -170,8 +200,7 @@ void bvh_label(const Bvh *t, const double *points, const int64_t *order, int64_t
     int32_t last = 0;
     double closest[3]; /* to the last point; at first any surface point */
     memcpy(closest, corner(t, 0, 0), sizeof closest);
-    Known known[KNOWN] = {{{0}, 0, 0}}; /* recent points whose sides are certain */
-    int newest = 0;
+    Recent recent = {.newest = 0};
     for (int64_t at = 0; at < count; at++) {
         int64_t i = order ? order[at] : at;
         const double *p = points + 3 * i;
@@ -195,22 +224,8 @@ void bvh_label(const Bvh *t, const double *points, const int64_t *order, int64_t
         pandis__pseudonormal(&m, last, &foot, n);
         double sign = pandis__sign(&m, p, &foot, n);
         if (check && foot.distance > on_surface) {
-            double side = 0;
-            for (int j = 0; j < KNOWN && !side; j++) {
-                const Known *k = known + (newest + j) % KNOWN;
-                double x[3] = {p[0] - k->point[0], p[1] - k->point[1], p[2] - k->point[2]};
-                /* a ball as large as its centre's distance contains no surface: balls that meet are
-                 * on one side */
-                double reach = foot.distance + k->distance;
-                if (dot(x, x) * (1 + 1e-12) < reach * reach) side = k->side;
-            }
-            if (!side) side = find_side(t, p), counts[0]++;
-            if (side != sign) {
-                side = exact_winding(t, p) > 0.5 ? -1 : 1;
-                if (side != sign) counts[1]++, flag |= FLAG_OVERRULED, sign = side;
-            }
-            newest = (newest + KNOWN - 1) % KNOWN;
-            known[newest] = (Known){{p[0], p[1], p[2]}, foot.distance, side};
+            double side = check_side(t, p, foot.distance, sign, &recent, counts);
+            if (side != sign) flag |= FLAG_OVERRULED, sign = side;
         }
         if (foot.distance > on_surface) {
             for (int k = 0; k < 3; k++) normal[3 * i + k] = sign * (foot.offset[k] / foot.distance);

@@ -154,6 +154,37 @@ static int pandis__fits_four(const pandis__network *n) {
     return 4 * (ptrdiff_t)n->stride * pandis__rows(n) <= PANDIS__ROOM;
 }
 
+/* Go back through a network of one output, from the slopes of its sines to its gradients (4 numbers
+ * apart). `h` and `z` are room for a layer of all points. */
+PANDIS__INLINE void pandis__network_gradient(
+    const pandis__network *n, int count, const float *slopes, float *h, float *z, float *gradient) {
+    int stride = n->stride;
+    ptrdiff_t all = (ptrdiff_t)count * stride;
+    for (int p = 0; p < count; p++)
+        for (int j = 0; j < stride; j++)
+            h[p * (ptrdiff_t)stride + j] =
+                n->last[j] * slopes[(n->depth - 1) * all + p * (ptrdiff_t)stride + j];
+    for (int layer = n->depth - 1; layer > 0; layer--) {
+        ptrdiff_t at = (ptrdiff_t)(layer - 1) * n->width;
+        const float *slope = slopes + (layer - 1) * all;
+        if (n->hidden)
+            PANDIS__CHOOSE(pandis__products_f)(
+                n->hidden + at * stride, h, n->width, stride, z, stride, count);
+        else
+            PANDIS__CHOOSE(pandis__products_h)(
+                n->hidden16 + at * stride, h, n->width, stride, z, stride, count);
+        for (int p = 0; p < count; p++, z += stride, slope += stride) {
+            for (int i = 0; i < n->width; i++)
+                z[i] *= n->hidden ? slope[i] : n->scales[at + i] * slope[i];
+            for (int i = n->width; i < stride; i++) z[i] = 0;
+        }
+        z -= all;
+        float *swap = h;
+        h = z, z = swap;
+    }
+    PANDIS__CHOOSE(pandis__products_f)(n->first, h, 3, stride, gradient, 4, count);
+}
+
 /* Evaluate x -> sin(W x + b) ... -> phi and psi, or phi and its gradient; w0 is folded into W and
  * b. Four points share one pass over the weights; the answers are the same as for one. If normals
  * are NULL, no gradient is computed. */
@@ -198,29 +229,7 @@ PANDIS__INLINE void pandis__answer_network_body(const pandis__network *n, int co
         for (int k = 0; k < 3 && normal && !own; k++) normal[p][k] = (double)result[p][k + 1];
     }
     if (own && normal) {
-        for (int p = 0; p < count; p++)
-            for (int j = 0; j < stride; j++)
-                h[p * (ptrdiff_t)stride + j] =
-                    n->last[j] * slopes[(n->depth - 1) * all + p * (ptrdiff_t)stride + j];
-        for (int layer = n->depth - 1; layer > 0; layer--) {
-            ptrdiff_t at = (ptrdiff_t)(layer - 1) * n->width;
-            const float *slope = slopes + (layer - 1) * all;
-            if (n->hidden)
-                PANDIS__CHOOSE(pandis__products_f)(
-                    n->hidden + at * stride, h, n->width, stride, z, stride, count);
-            else
-                PANDIS__CHOOSE(pandis__products_h)(
-                    n->hidden16 + at * stride, h, n->width, stride, z, stride, count);
-            for (int p = 0; p < count; p++, z += stride, slope += stride) {
-                for (int i = 0; i < n->width; i++)
-                    z[i] *= n->hidden ? slope[i] : n->scales[at + i] * slope[i];
-                for (int i = n->width; i < stride; i++) z[i] = 0;
-            }
-            z -= all;
-            float *swap = h;
-            h = z, z = swap;
-        }
-        PANDIS__CHOOSE(pandis__products_f)(n->first, h, 3, stride, result[0], 4, count);
+        pandis__network_gradient(n, count, slopes, h, z, result[0]);
         for (int p = 0; p < count; p++)
             for (int k = 0; k < 3; k++) normal[p][k] = (double)result[p][k];
     }
