@@ -18,7 +18,7 @@ from pathlib import Path
 
 from common import ROOT, write
 
-sys.path.insert(0, str(ROOT / "tests"))
+sys.path.insert(0, str(ROOT / "tests/helpers"))
 sys.path.insert(0, str(ROOT / "tests/cluster"))
 
 from node import Cluster

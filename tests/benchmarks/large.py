@@ -20,7 +20,7 @@ import psutil
 import yaml
 from common import ROOT, write
 
-sys.path.insert(0, str(ROOT / "tests"))
+sys.path.insert(0, str(ROOT / "tests/helpers"))
 
 from support import copy_workflow, snakemake_command
 

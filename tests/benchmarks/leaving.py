@@ -30,7 +30,7 @@ import trimesh
 from bodies import UNIT, field_of
 from common import ROOT, SCANS, load
 
-sys.path.insert(0, str(ROOT / "tests"))
+sys.path.insert(0, str(ROOT / "tests/helpers"))
 
 from oracle import Solid
 from pandis.base.frame import Frame

@@ -2,8 +2,8 @@
 
 Usage: .venv/bin/python tests/benchmarks/mutations.py [COUNT] [SEED] [THROUGH]
 
-Mutates the small files of tests/cases.py COUNT times in all (200,000) and reads each in this
-process; of every so many (200: 1,000 in all), the whole stage of the mesh is run, too: THROUGH.
+Mutates the small files of tests/helpers/cases.py COUNT times in all (200,000) and reads each in
+this process. Of every THROUGH files (200: 1,000 in all), one also goes through the whole mesh stage.
 Printed are files that took longer than the limit, that raised anything but a refusal, that came
 out otherwise than the counter says, and how many were read that the counter refuses.
 """
@@ -17,7 +17,7 @@ from pathlib import Path
 import numpy as np
 from common import ROOT
 
-sys.path.insert(0, str(ROOT / "tests"))
+sys.path.insert(0, str(ROOT / "tests/helpers"))
 
 import counter
 from cases import CASES, mutations

@@ -11,7 +11,7 @@ from pathlib import Path
 
 from common import ROOT
 
-sys.path.insert(0, str(ROOT / "tests"))
+sys.path.insert(0, str(ROOT / "tests/helpers"))
 
 from browser import Browser
 from pandis.bridges.web import write_page

@@ -15,7 +15,7 @@ from pathlib import Path
 import yaml
 
 ROOT = Path(__file__).resolve().parents[2]
-sys.path[:0] = [str(ROOT / "tests"), str(ROOT / "workflow")]
+sys.path[:0] = [str(ROOT / "tests/helpers"), str(ROOT / "workflow")]
 
 from support import copy_workflow, snakemake_command  # noqa: E402
 

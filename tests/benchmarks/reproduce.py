@@ -21,7 +21,7 @@ from pathlib import Path
 import numpy as np
 from common import ROOT
 
-sys.path.insert(0, str(ROOT / "tests"))
+sys.path.insert(0, str(ROOT / "tests/helpers"))
 
 from pandis.pipeline.run.job.artifact import read_artifact
 from support import copy_workflow, environment, results, snakemake_command

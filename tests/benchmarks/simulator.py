@@ -39,7 +39,7 @@ from pandis.pipeline.geometry.body import Body
 from pandis.pipeline.geometry.measure import contact_errors, draw_contacts
 from pandis.pipeline.geometry.sampling import blue_noise, probes
 
-sys.path.insert(0, str(ROOT / "tests"))
+sys.path.insert(0, str(ROOT / "tests/helpers"))
 
 from pandis.bridges.mujoco.asking import asker
 

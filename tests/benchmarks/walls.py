@@ -26,7 +26,7 @@ import numpy as np
 import trimesh
 from common import ROOT
 
-sys.path.insert(0, str(ROOT / "tests"))
+sys.path.insert(0, str(ROOT / "tests/helpers"))
 
 from pandis.base.errors import PandisError
 from pandis.base.frame import UNIT_SIDE

@@ -1,6 +1,6 @@
 """Reading: every format, four hundred files with what is right for each, refusals in plain words.
 
-What a file holds is said by tests/counter.py and tests/cases.py, which share no code with readers.
+What a file contains is stated by `counter.py` and `cases.py`, which share no code with the readers.
 """
 
 import gzip

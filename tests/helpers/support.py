@@ -16,7 +16,7 @@ from pandis.pipeline.run.ask.catalogue import KIND_OF
 from pandis.pipeline.run.ask.kind import FieldSpec
 from pandis.pipeline.run.job.artifact import Artifact
 
-ROOT = Path(__file__).resolve().parents[1]
+ROOT = Path(__file__).resolve().parents[2]
 PARTS = ("workflow", "rules", "scripts", "config")
 
 

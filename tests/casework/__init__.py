@@ -1,1 +1,0 @@
-"""What tests/cases.py is made of: shapes, writers, tables of cases, and mutations."""
