@@ -1,7 +1,7 @@
-# Each of these installs into .venv first:
+# Each of these targets first installs the dependencies into .venv:
 #   make all     run the workflow on config/config.yaml
 #   make test    lint, run the tests that a change is likely to break
-#   make check   lint, run the tests of which jobs are planned
+#   make check   lint, run the tests that check which jobs are planned
 # Also: make test-slow (whole runs, hostile files), make test-full (all tests; PART=1/4: a quarter of them),
 # make lint, make docs, make figures, make release, make clean.
 PYTHON ?= python3
@@ -37,14 +37,14 @@ lint: .venv/installed
 docs: .venv/installed
 	PYTHONPATH=workflow $(BIN)/python docs/tools/generate.py
 
-# the same, after copying the last run's figures to docs/figures (RUN=sphere: of config/sphere.yaml)
+# copy the last run's figures to docs/figures (RUN=sphere: those of config/sphere.yaml), then do the same as docs
 figures: .venv/installed
 	PYTHONPATH=workflow $(BIN)/python docs/tools/generate.py figures $(RUN)
 
 .venv/installed: constraints.txt
 	$(PYTHON) -m venv .venv
 	$(BIN)/python -m pip install --requirement constraints.txt
-	$(BIN)/python -m pip install --no-deps mujoco-warp==4.0.0  # of MuJoCo it needs the core alone
+	$(BIN)/python -m pip install --no-deps mujoco-warp==4.0.0  # it needs only MuJoCo's core
 	touch $@
 
 # compile pandis.wasm, which web pages run: needs Debian's clang and lld; commit the result

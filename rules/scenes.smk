@@ -20,6 +20,6 @@ rule scene:
         options=plan.options("scene"),
         code=plan.code("scene"),
     message:
-        "scene {wildcards.scene}: walk through it and compare the forces with those of querying all objects"
+        "scene {wildcards.scene}: move a probe through it and compare the forces with those from querying all objects"
     script:
         "../scripts/scene.py"

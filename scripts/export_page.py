@@ -10,6 +10,6 @@ with stage(snakemake, ExportPageTask) as job:
     fields = with_proxies([NativeField(job.note_file(path)) for path in job.input.exports], job.log)
     stiffness = min(job.options.stiffness, STIFFEST)
     if stiffness < job.options.stiffness:
-        job.log(f"the page starts at {stiffness:g} N/m, its maximum")
+        job.log(f"the page starts at {stiffness:g} N/m, the largest stiffness that it supports")
     text = page(job.mesh, fields, job.options.size, stiffness)
     job.write_file(seal(text.encode(), job.provenance(), ".html"))

@@ -1,4 +1,4 @@
-"""Test a scene. Reads its objects' fields, writes scenes/{scene}.zarr.zip, .json and .h."""
+"""Test a scene. Reads the fields of its objects, writes scenes/{scene}.zarr.zip, .json and .h."""
 
 from pandis.pipeline.judge.scenes import try_scene
 from pandis.pipeline.run.ask.tasks import SceneTask

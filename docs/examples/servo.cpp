@@ -5,7 +5,7 @@
 //
 // A probe of 50 g is let down onto the object from above, guided by a hand that keeps it over one
 // place, and comes to rest on it. It is kept out by a proxy, which nothing lets through and which
-// rubs; a grid of forces knows no distance outside, and gives its penalty force. Replace `Probe` by
+// rubs; a grid of forces has no distances outside, and gives its penalty force. Replace `Probe` by
 // your device: read its position, send it the force.
 #define PANDIS_IMPLEMENTATION
 #include "pandis.h"

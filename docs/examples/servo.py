@@ -1,8 +1,8 @@
-"""The same from Python: a probe of 50 g is let down onto an object and comes to rest on it.
+"""The loop of servo.cpp in Python: let a probe of 50 g down onto an object until it rests there.
 
     PYTHONPATH=workflow .venv/bin/python docs/examples/servo.py FIELD.pandis STIFFNESS
 
-Python cannot keep a servo rate; for planning, simulation and plots it need not.
+Python cannot keep a servo rate, but planning, simulation and plots do not need one.
 """
 
 import sys
@@ -13,12 +13,12 @@ import pandis
 from pandis.base.frame import UNIT_SIDE
 
 MASS, GRAVITY = 0.05, 9.81
-#: Of the hand that keeps the probe over its place: Ns/m, N/m.
+#: Damping (Ns/m) and stiffness (N/m) of the hand that keeps the probe over its place.
 DAMPING, GUIDE = 2.0, 500.0
 
 
 def level_place(field, deep):
-    """Return where the surface is most level from above, and the solid ``deep`` thick."""
+    """Return the most level place, seen from above, whose solid is ``deep`` thick; else None."""
     centre, reach = np.array(field.frame.centre), 0.9 / field.frame.scale
     across = reach * (2 * (np.arange(40) + 0.5) / 40 - 1)
     heights = np.linspace(reach, -reach, 400)
@@ -43,7 +43,7 @@ def main(path, stiffness):
     unit = 0.10 * field.frame.scale / UNIT_SIDE  # metres per mesh unit: longest side 10 cm
     guide = level_place(field, 0.004 / unit)
     if guide is None:
-        return print("nothing to stand on: 4 mm are needed")
+        return print("no level place found where the solid is 4 mm thick")
     position, velocity = guide + [0, 0.002 / unit, 0], np.zeros(3)
     held = []
     for _ in range(2000):

@@ -83,7 +83,7 @@ def _functions(header):
     """Yield section, comment and prototype of each public function of a header."""
     text, body, _ = header.partition("#if defined(PANDIS_IMPLEMENTATION)")
     if not body:
-        raise SystemExit("pandis.h: the end of its prototypes is not marked")
+        raise SystemExit("pandis.h: no PANDIS_IMPLEMENTATION block ends its prototypes")
     title, note = "", ""
     lines = iter(text.splitlines())
     for first in lines:
@@ -100,7 +100,7 @@ def _functions(header):
 
 
 def _until(end, text, lines):
-    """Return a text and the lines after it, up to the first that contains its end."""
+    """Return a text with the following lines, up to the first line that contains ``end``."""
     while end not in text:
         text += "\n" + next(lines)
     return text

@@ -38,7 +38,7 @@ def _svg(figure):
     stream = io.StringIO()
     figure.savefig(stream, format="svg", metadata={"Date": None}, facecolor="white")
     text = stream.getvalue()
-    # an identifier is a hash of coordinates, whose last bits depend on the processor
+    # Identifiers are hashes of coordinates, whose last bits depend on the processor: number them.
     hashed = dict.fromkeys(re.findall(r'id="([a-z][0-9a-f]{10})"', text))
     for number, name in enumerate(hashed, 1):
         text = text.replace(name, f"{name[0]}{number}")

@@ -230,7 +230,7 @@ def generated():
 
 
 def take_figures(name):
-    """Copy the last run's summary, with command, machine and commit."""
+    """Copy the last run's summary to docs/figures, headed by its command, machine and commit."""
     summary = (ROOT / "results" / "summary.csv").read_text(encoding="utf-8")
     git = ["git", "-C", str(ROOT), "rev-parse", "--short", "HEAD"]
     commit = subprocess.run(git, capture_output=True, text=True, check=True).stdout.strip()

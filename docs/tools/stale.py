@@ -2,8 +2,8 @@
 
 Usage: PYTHONPATH=workflow .venv/bin/python docs/tools/stale.py FILE...
 FILE is a module, a script or a C source. Edits of comments, docstrings and layout make nothing
-stale. An edit of a loss counts only for recipes with that loss, and one of the paper's other
-methods only for meshes that use them.
+stale. An edit of a loss counts only for recipes with that loss. An edit of one of the paper's other
+methods counts only for meshes that use it.
 """
 
 import sys

@@ -67,7 +67,7 @@ def bunny_table():
     return _noted(table, notes)
 
 
-#: Columns of query times in C: along the path, anywhere in the box, along it with empty caches.
+#: Query times in C: along the path, anywhere in the box, along the path with empty caches.
 _TIMES = (
     "native_p50_us", "native_p999_us", "anywhere_p50_us", "anywhere_max_us",
     "native_cold_p50_us", "native_cold_max_us",
@@ -166,7 +166,7 @@ def repair_table():
 
 
 def field_table():
-    """Return the table of bytes against error of our grids and splines."""
+    """Return the table of the sizes and errors of our grids and splines."""
     notes, rows = read_figures("fields")
     meshes = list(dict.fromkeys(row["mesh"] for row in rows))
     cells = {(row["mesh"], row["field"]): row for row in rows}
@@ -463,7 +463,7 @@ def training_table(name="training"):
 
 #: Error columns of the paper's comparison.
 _ERRORS = ("shallow", "deep", "contact", "path")
-#: The paper's Table 4: PANDIS over Tri-i 64³, on the mesh's own box.
+#: The paper's Table 4: error of PANDIS / error of Tri-i 64³, on the mesh's own box.
 _PAPER = {"bunny": 0.006 / 0.026, "armadillo": 0.022 / 0.046, "dragon": 0.068 / 0.041}
 _BOXES = {"trilinear-box-64": "its own", "trilinear-64": "the cube"}
 
@@ -511,7 +511,7 @@ def _trained(row):
 
 
 def order_table():
-    """Return the table of PANDIS's error over that of Tri-i 64³, by scan, box and measure."""
+    """Return the table of ratios of PANDIS's error to Tri-i 64³'s, by scan, box and measure."""
     notes, rows = read_figures("full")
     table = [
         "| mesh | box of the grid | training | seeds | the paper's path | on the path | shallow "

@@ -3,7 +3,7 @@
 Usage: .venv/bin/python tests/benchmarks/mutations.py [COUNT] [SEED] [THROUGH]
 
 Mutates the small files of tests/helpers/cases.py COUNT times in all (200,000) and reads each in
-this process. Of every THROUGH files (200: 1,000 in all), one also goes through the whole mesh stage.
+this process. Of every THROUGH files (200: 1,000 in all), one also goes through the mesh stage.
 Printed are files that took longer than the limit, that raised anything but a refusal, that came
 out otherwise than the counter says, and how many were read that the counter refuses.
 """

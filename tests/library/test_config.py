@@ -81,7 +81,10 @@ def test_the_table_of_fields_has_a_row_for_every_kind(kind):
         ),
         ("train: {pandis: {seconds: 0}}", "train.pandis.seconds: Input should be greater than 0"),
         ("train: {pandis: {steps: 1, seconds: 2}}", "train.pandis: a budget is in steps or in"),
-        ("fields: [exact, trilnear-64]", "fields.1: 'trilnear-64' is no field; known are exact,"),
+        (
+            "fields: [exact, trilnear-64]",
+            "fields.1: 'trilnear-64' is not a field; the fields are exact,",
+        ),
         ("fields: [exact, trilinear-1]", "fields.1: trilinear-1: it must have 4 to 512 nodes"),
         ("fields: [exact, spline-8]", "fields.1: spline-8: it must have 32 to 320 nodes"),
         ("fields: [trilinear-auto]", "fields.0: trilinear-auto needs a target"),

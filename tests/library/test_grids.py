@@ -543,7 +543,7 @@ def test_vti_says_what_the_field_says(torus, kind, tmp_path):
 def test_broken_vti_is_refused(tmp_path):
     for data in (b"", b"<VTKFile>", b'<a><AppendedData encoding="raw">\n_'):
         (tmp_path / "x.vti").write_bytes(data)
-        with pytest.raises(PandisError, match=r"x\.vti: not a \.vti file of pandis"):
+        with pytest.raises(PandisError, match=r"x\.vti: not a \.vti file written by pandis"):
             read_vti(tmp_path / "x.vti")
         with pytest.raises(PandisError, match=r"x\.vti: truncated or damaged"):
             read_note(tmp_path / "x.vti")

@@ -297,7 +297,7 @@ def test_what_is_no_position_moves_nothing_and_gives_no_force(files):
 
 @pytest.mark.parametrize("name", ["nearest", "trilinear"])
 def test_a_grid_of_forces_says_that_it_has_no_contact(files, name):
-    with pytest.raises(PandisError, match="knows no distance outside"):
+    with pytest.raises(PandisError, match="has no distances outside"):
         NativeContact(placed(NativeField(files[name])))
 
 

@@ -249,12 +249,12 @@ def test_a_plate_that_mujoco_makes_no_whole_mesh_of(tmp_path, capfd):
     [
         ("nowhere", 1, "it cannot be read"),
         ("damaged", 1, "damaged"),
-        ("text", 1, "this is no .pandis file"),
-        ("nearest", 1, "a grid of forces, which knows no distance outside"),
+        ("text", 1, "this is not a .pandis file"),
+        ("nearest", 1, "a grid of forces, which has no distances outside"),
         ("", 1, "no file is named"),
-        ("exact", -1, "scale is no positive number"),
-        ("exact", "large", "scale is no positive number"),
-        ("exact", "nan", "scale is no positive number"),
+        ("exact", -1, "scale is not a positive number"),
+        ("exact", "large", "scale is not a positive number"),
+        ("exact", "nan", "scale is not a positive number"),
     ],
 )
 def test_what_is_wrong_is_said(files, meshes, tmp_path, mesh, name, scale, said):

@@ -121,9 +121,9 @@ def test_what_is_no_pose_is_not_handed_over(one):
 
 def test_what_lies_nowhere_is_not_moved(one):
     scene, _ = one
-    with pytest.raises(PandisError, match="no rotation"):
+    with pytest.raises(PandisError, match="its rotation"):
         scene.move(0, scene.objects[0]._replace(rotation=np.zeros((3, 3))))
-    with pytest.raises(PandisError, match="no rotation"):
+    with pytest.raises(PandisError, match="its rotation"):
         Poses(scene)
 
 

@@ -60,7 +60,7 @@ def test_a_feel_is_of_the_configuration_and_fits_into_the_deadline(files):
     assert feel_for(exact, None, rubs, SIZE, 1e-3, 8e-4)[0].queries == LEAST
     seven = rubs.model_copy(update={"queries": 7})
     assert feel_for(exact, None, seven, SIZE, 1e-6, 8e-4)[0].queries == 7
-    assert "knows no distance outside" in feel_for(grid, None, rubs, SIZE, 1e-6, 8e-4)[2]
+    assert "has no distances outside" in feel_for(grid, None, rubs, SIZE, 1e-6, 8e-4)[2]
     penalty = rubs.model_copy(update={"kind": "penalty"})
     assert feel_for(exact, None, penalty, SIZE, 1e-6, 8e-4)[0] is None
 

@@ -232,7 +232,7 @@ def test_an_array_beside_the_file_that_does_not_fit_it_is_refused(tmp_path):
     scene = tmp_path / "ball.glb"
     ball.export(scene)
     np.save(tmp_path / "ball.glb.regions.npy", np.zeros(80, int))
-    with pytest.raises(PandisError, match="name materials in the scene itself"):
+    with pytest.raises(PandisError, match="Name the materials in the scene itself"):
         build(MeshTask(source=str(scene), sha256=None, seed=0), scene, str)
 
 
@@ -294,5 +294,5 @@ def test_a_file_whose_regions_have_no_name_is_refused(mesh):
         resealed(data, names + 12, "<B", 65),  # the last name has no end
         resealed(data, data.index(b"REGN", 256) + 16, "<Q", 8),
     ):
-        with pytest.raises(ArtifactError, match="fit together"):
+        with pytest.raises(ArtifactError, match="are inconsistent"):
             NativeField(damaged)

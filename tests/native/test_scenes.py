@@ -143,7 +143,7 @@ def test_a_file_that_says_nothing_is_always_asked(fields):
     ],
 )
 def test_a_clearance_that_cannot_be_is_refused(safe, files):
-    with pytest.raises(PandisError, match="does not fit together"):
+    with pytest.raises(PandisError, match="are inconsistent"):
         NativeField(resealed(files["tricubic"].read_bytes(), safe))
 
 
@@ -218,7 +218,7 @@ def test_a_shape_that_moves_is_felt_where_it_is(files, fields):
 )
 def test_an_object_that_lies_nowhere_is_refused(change, files):
     objects = room(files, ["sphere"], 2, 12)
-    with pytest.raises(PandisError, match="no rotation, scale, place"):
+    with pytest.raises(PandisError, match="its rotation, scale, place"):
         NativeScene([objects[0], objects[1]._replace(**change)])
 
 

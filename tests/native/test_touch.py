@@ -52,7 +52,7 @@ def test_with_a_proxy_the_force_points_back_to_where_the_probe_came_from(exporte
     assert touch.main(words) == 0
     assert "A simulated device ran" in capsys.readouterr().out
     assert touch.main([str(files["trilinear"]), *words[1:]]) == 1
-    assert "knows no distance outside" in capsys.readouterr().err
+    assert "has no distances outside" in capsys.readouterr().err
     with pytest.raises(SystemExit):  # a device has the contact that was validated
         touch.main([str(exported), "--proxy", "--friction", "0.3"])
 
@@ -60,7 +60,7 @@ def test_with_a_proxy_the_force_points_back_to_where_the_probe_came_from(exporte
 @pytest.mark.parametrize(
     ("damage", "said"),
     [
-        (lambda path: path.write_bytes(path.read_bytes()[:-1] + b"x"), "about another file"),
+        (lambda path: path.write_bytes(path.read_bytes()[:-1] + b"x"), "is for another file"),
         (lambda path: (path.parent.parent / "hardware.json").unlink(), "does not exist"),
         (lambda path: (path.parent.parent / "hardware.json").write_text("{}"), "of this version"),
     ],
@@ -100,4 +100,4 @@ def test_what_cannot_be_attached_is_refused_before_anything_opens(exported, caps
 
 
 def test_no_number_is_no_agreement(exported):
-    assert "use --size" in touch.known(exported, "touch", float("nan")).why
+    assert "pass it as --size" in touch.known(exported, "touch", float("nan")).why

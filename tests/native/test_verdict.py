@@ -212,7 +212,7 @@ def test_a_stand_in_is_never_a_device(arm, fault, libraries, files, monkeypatch)
     assert found.stand_in
     assert not found.hardware
     assert found.stiffness == DEVICES["touch"].stiffness
-    assert "this is no hardware result" in found.statement
+    assert "this is not a hardware result" in found.statement
     assert arrays["force"].any() == arm
     statement = _statement({"sphere": changed(SOUND, attached=found)})
     assert "forces were sent" not in statement

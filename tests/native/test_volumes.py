@@ -145,8 +145,8 @@ def test_a_narrower_band_takes_fewer_blocks(files):
     ("name", "asked", "said"),
     [
         ("nearest", {}, "a grid of forces"),
-        ("exact", {"voxel": 0.0}, "voxel: 0.0 is no positive number"),
-        ("exact", {"band": float("nan")}, "band: nan is no positive number"),
+        ("exact", {"voxel": 0.0}, "voxel: 0.0 is not a positive number"),
+        ("exact", {"band": float("nan")}, "band: nan is not a positive number"),
         ("exact", {"voxel": 1e-6}, "so small that"),
         ("exact", {"voxel": 50.0}, "so large that no voxel lies inside"),
     ],

@@ -35,5 +35,5 @@ def test_sizes_come_in_their_order_and_auto_last():
     names = ["spline-auto", "nearest-128", "nearest-64", "exact", "nearest-auto"]
     assert in_order(names, ()) == ["exact", "nearest-64", "nearest-128", "nearest-auto",
                                    "spline-auto"]  # fmt: skip
-    with pytest.raises(ValueError, match="is no field"):
+    with pytest.raises(ValueError, match="is not a field"):
         in_order(["splines"], ())

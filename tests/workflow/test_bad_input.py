@@ -61,7 +61,7 @@ def test_bad_meshes_fail_in_plain_words_and_the_others_finish(workspace):
         "nofaces.obj: it has no faces; export it as a triangle mesh",
         "nan.obj: line 1: 'nan' is not a number",
         "infinite.obj: line 1: 'inf' is not a number",
-        "part.step: unknown format '.step'; known are .obj",
+        "part.step: unknown format '.step'; the known formats are .obj",
         "fine.obj: the file's sha256 is",
         "'analytic:spere' is unknown; closed-form shapes are analytic:sphere",
         "PyMeshLab ships no 'bunnny.obj'",
@@ -78,7 +78,7 @@ def test_bad_meshes_fail_in_plain_words_and_the_others_finish(workspace):
     ("meshes", "sections", "message"),
     [
         ({"logs": {"source": "a.obj"}}, {}, "meshes.logs: this name is taken"),
-        ({"a": {"source": "a.obj"}}, {"fields": ["tricubik-64"]}, "'tricubik-64' is no field"),
+        ({"a": {"source": "a.obj"}}, {"fields": ["tricubik-64"]}, "'tricubik-64' is not a field"),
         (
             {"a": {"source": "a.obj", "train": {"pandis": {"steps": 0}}}},
             {},

@@ -56,7 +56,7 @@ def load(path: str | PathLike[str]) -> "Field":
     Raises
     ------
     ArtifactError
-        The file cannot be read, is damaged or has another version.
+        The file cannot be read, is damaged or has an unsupported version.
     """
     from pandis.runtime.field import NativeField
 

@@ -26,7 +26,7 @@ def main(arguments=None):
     mjcf.add_argument("scene", metavar="SCENE", help="results/scenes/{scene}.json")
     mjcf.add_argument("model", metavar="MODEL", help="the file to write: ….xml")
     mjcf.set_defaults(run=_mjcf)
-    sample = commands.add_parser("sample", help="write a closed form as a file")
+    sample = commands.add_parser("sample", help="write a closed-form shape as a file")
     sample.add_argument("shape", metavar="SHAPE", help="sphere, torus, box or capsule")
     sample.add_argument("file", metavar="FILE", help="the file to write: ….pandis")
     sample.add_argument("sizes", nargs="*", type=float, metavar="SIZE", help="see docs/format.md")
@@ -89,7 +89,7 @@ def _mjcf(words):
 
 
 def _sample(words):
-    """Write a closed form as a file."""
+    """Write a closed-form shape as a file."""
     from pandis.runtime.samples import sample_bytes
 
     return _done(lambda: Path(words.file).write_bytes(sample_bytes(words.shape, *words.sizes)))

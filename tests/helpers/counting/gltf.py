@@ -64,7 +64,7 @@ def glb(data, folder):
             raise Refused(f"a chunk of {size} bytes")
         chunks.append((kind, data[place - size : place]))
     if chunks[0][0] != b"JSON":
-        raise Refused("the first chunk is no JSON")
+        raise Refused("the first chunk is not JSON")
     binary = chunks[1][1] if len(chunks) > 1 and chunks[1][0] == b"BIN\0" else None
     if b"JSON" in [kind for kind, _ in chunks[1:]] or b"BIN\0" in [kind for kind, _ in chunks[2:]]:
         raise Refused("a chunk out of its place")

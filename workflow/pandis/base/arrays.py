@@ -11,7 +11,7 @@ from jaxtyping import AbstractDtype, Bool, Float
 
 
 class Integer(AbstractDtype):
-    """Any integer type, including `longlong`, which trimesh returns where `int64` is as wide."""
+    """Any integer type, including `longlong`, which trimesh uses where it is as wide as `int64`."""
 
     dtypes = re.compile(r"u?(int\d+|longlong)")
 

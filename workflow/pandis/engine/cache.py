@@ -42,7 +42,7 @@ def remembered(maker, text, make):
     Parameters
     ----------
     maker : path-like
-        ``__file__`` of the module that computes it: editing it makes all its results stale.
+        ``__file__`` of the module that computes the result; editing it makes all its results stale.
     text : bytes
         Everything else that the result depends on.
     make : callable

@@ -47,7 +47,7 @@ def compiled(source, headers=()):
     ----------
     source : Path
     headers : sequence of Path
-        Folders with headers of other projects that it includes.
+        Folders with headers of other projects that the source includes.
 
     Returns
     -------
@@ -91,7 +91,7 @@ def prebuild(folder, headers):
     """
     compiler, machine, paths = find_compiler(), platform.machine(), []
     if compiler is None:
-        raise PandisError("no C compiler found: install gcc, or name one in CC")
+        raise PandisError("no C compiler found: install gcc, or set the environment variable CC")
     if machine not in prebuilt.KINDS:
         raise PandisError(f"no libraries are built for machines of type {machine}")
     with tempfile.TemporaryDirectory() as place:

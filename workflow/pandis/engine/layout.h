@@ -1,12 +1,12 @@
-/* Where the fields of a structure lie, told to bindings that mirror it: a list of these, which NULL
- * ends. */
+/* Offsets and sizes of the fields of a structure, for bindings that mirror it: a list of these
+ * entries, which ends with a NULL type. */
 #ifndef LAYOUT_H
 #define LAYOUT_H
 
 #include <stddef.h>
 
 typedef struct {
-    const char *type, *field; /* no field: the structure itself */
+    const char *type, *field; /* NULL field: the structure itself */
     size_t at, size;
 } layout_entry;
 

@@ -29,8 +29,8 @@ def compare_layouts(entries, mirrors):
     Raises
     ------
     PandisError
-        A field's offset or size differs, or the field is missing on one side: only one side was
-        changed.
+        A field's offset or size differs, or the field is missing on one side, because only one
+        side was changed.
     """
     entries.restype = ctypes.POINTER(_Entry)
     native, first = {}, entries()

@@ -25,18 +25,18 @@
  *
  * Positions and distances are in the units of the mesh that the field was made from; distances are
  * negative inside, normals point outward and have unit length. Queries do not change a field: any
- * number of threads may query it. The file format: docs/format.md of pandis.
+ * number of threads may query it. The file format is described in docs/format.md of pandis.
  *
  * C99 or later, or C++11 or later. No flags are needed: with -O2 alone it is about as fast as with
  * -O3 -march=native, since GCC and clang also compile the hot functions for AVX2, which is used on
  * x86-64 machines that have it (not on Windows; PANDIS_NO_DISPATCH disables this). Results are
  * bit-identical for all compilers, machines and vector widths (except clang with
- * -ffp-contract=fast). With -ffast-math or x87 arithmetic it does not compile: answers would be
- * wrong. pandis_open tests for options of -ffast-math that define no macro. A query needs at most 8
- * KB of stack, or 80 KB for a network. With a smaller PANDIS_MOST_WIDTH and PANDIS_MOST_DEPTH (by
- * default 1024 and 16) this is four bytes times (depth + 2) times width. Define PANDIS_API as
- * `static inline` to keep the names to one source file, and PANDIS_NO_FILE to leave out the
- * functions that open files.
+ * -ffp-contract=fast). With -ffast-math or x87 arithmetic it does not compile, because answers
+ * would be wrong. pandis_open tests for options of -ffast-math that define no macro. A query needs
+ * at most 8 KB of stack, or 80 KB for a network. With a smaller PANDIS_MOST_WIDTH and
+ * PANDIS_MOST_DEPTH (by default 1024 and 16), a network needs four bytes times (depth + 2) times
+ * width. Define PANDIS_API as `static inline` to keep the names to one source file, and
+ * PANDIS_NO_FILE to leave out the functions that open files.
  *
  * For a real-time loop: open fields before the loop (a file is read and checked, which
  * takes 4 ms per megabyte), lock the process's memory (mlockall(MCL_CURRENT | MCL_FUTURE); on
@@ -97,9 +97,9 @@ typedef enum {
     /* no answer: an argument is out of range or not finite, or the field overflowed */
     PANDIS_INVALID = 2,
     /* the search was cut short: too many faces are about equally near (around the middle of a
-       finely tessellated ball). The distance may be too large, by some hundredths of the object:
-       see pandis_answer.clear. When the file was made, no query at test points next to the surface
-       was cut */
+       finely tessellated ball). The distance may be too large, by some hundredths of the object's
+       size: see pandis_answer.clear. When the file was made, no query at test points next to the
+       surface was cut short */
     PANDIS_CUT = 3,
     PANDIS_BEYOND = 4 /* pandis_query_within only: no surface is within its reach */
 } pandis_flag;
@@ -130,7 +130,8 @@ typedef enum {
     /* a contact option is out of range: see pandis_contact_options */
     PANDIS_ERROR_OPTIONS = -15,
     PANDIS_ERROR_COUNT = -16, /* an array is shorter or longer than required */
-    /* the implementation has another version of this header, or another structure packing */
+    /* the implementation was compiled with another version of this header, or packs structures
+       differently */
     PANDIS_ERROR_HEADER = -17
 } pandis_error;
 
@@ -156,9 +157,9 @@ typedef struct {
     /* for meshes a lower bound of the distance to the surface, up to rounding; else |distance| */
     double clear;
     pandis_flag flag;
-    /* index, in mesh.zarr.zip, of a face that holds the closest point. A simplified mesh names a
-     * face beside it. -1 if unknown: only `exact` meshes, and compact ones with a section ORIG,
-     * store it */
+    /* index, in mesh.zarr.zip, of a face that contains the closest point. For a simplified mesh,
+     * it is a face at or next to that point. -1 if unknown: only `exact` meshes, and compact ones
+     * with a section ORIG, store face indices */
     int32_t face;
     int32_t region; /* material of the surface there (pandis_region); -1 if the file has none */
 } pandis_answer;
@@ -203,7 +204,7 @@ typedef struct {
     pandis__layout layout[2];
     int32_t far_size;
     double far_low, far_per_step, offset[3], scale[3], inside, outside;
-    /* coefficients, offset + scale * stored: of the band, and beyond it */
+    /* coefficients (offset + scale * stored value): in the band, and beyond it */
     const int16_t *coarse, *far;
     const int8_t *fine;  /* correction that is added in the band */
     const uint8_t *side; /* for each block of coarse lattice cells: whether it is outside */
@@ -317,7 +318,7 @@ PANDIS_API const char *pandis_version(void);
 PANDIS_API pandis_error pandis__check(
     const char *version, size_t field, size_t options, size_t touch);
 
-/* [rt] The meaning of an error, a sentence in static memory. */
+/* [rt] The meaning of an error, as a phrase in static memory. */
 PANDIS_API const char *pandis_error_text(pandis_error error);
 
 /* -------------------- fields */
@@ -325,8 +326,9 @@ PANDIS_API const char *pandis_error_text(pandis_error error);
 /* Open a field from bytes. They are checked, so that no query reads outside them.
  *
  * field    filled in; closed on error
- * data     kept by the caller until the field is closed; aligned to 8 bytes (in C11: _Alignas(8) on
- * an array) size     of the data, bytes */
+ * data     kept by the caller until the field is closed; aligned to 8 bytes
+ *          (in C11: _Alignas(8) on an array)
+ * size     of the data, bytes */
 PANDIS_API pandis_error pandis_open(pandis_field *field, const void *data, size_t size);
 
 #ifndef PANDIS_NO_FILE
@@ -378,8 +380,8 @@ PANDIS_API void pandis_query_within(
     const pandis_field *field, const double point[3], double reach, pandis_answer *answer);
 
 /* [rt] Query one point as pandis_query does, bit for bit. For `exact` meshes this is faster if the
- * previous point with the same hint was near, and slower in the middle of a ball. Other fields do
- * not use the hint.
+ * previous point with the same hint was near. It is slower in the middle of a ball, where very many
+ * faces are about equally near. Other fields do not use the hint.
  *
  * point    mesh units
  * hint     all zero before the first query */
@@ -393,11 +395,12 @@ PANDIS_API pandis_flag pandis_distance(
     const pandis_field *field, const double point[3], double *distance);
 
 /* [rt] The gradient of the distance, and its second derivatives (per mesh unit), row by row. For
- * meshes and closed forms they are those of the nearest feature: 0 next to a face, round next to an
- * edge or a corner. For splines and grids of distances they follow from the formula. Elsewhere
- * (networks, and where the flag is PANDIS_BOUND) they are finite differences over a few thousandths
- * of the object or less. At a crease they are those of one side. Where there is no answer, and for
- * grids of forces, they are NaN and the flag is PANDIS_INVALID. */
+ * meshes and closed forms, they are those of the distance to the nearest feature: the second
+ * derivatives are 0 next to a face, and those of a round surface next to an edge or a corner. For
+ * splines and grids of distances, they follow from the formula. For networks, and where a spline or
+ * a grid has no formula (as where the flag is PANDIS_BOUND), they are finite differences over a few
+ * thousandths of the object or less. At a crease they are those of one side. Where there is no
+ * answer, and for grids of forces, they are NaN and the flag is PANDIS_INVALID. */
 PANDIS_API pandis_flag pandis_derivatives(
     const pandis_field *field, const double point[3], double gradient[3], double hessian[9]);
 
@@ -425,15 +428,15 @@ PANDIS_API void pandis_query_many(const pandis_field *field, const double *point
 PANDIS_API size_t pandis_vertex_count(const pandis_field *field);
 PANDIS_API size_t pandis_refit_room(const pandis_field *field);
 
-/* Open a mesh field with the faces of another one, and with vertices that can move. It need not be
- * closed.
+/* Open a mesh field with the faces of another one, and with vertices that can move. The new field
+ * need not be closed.
  *
  * moving   filled in
  * field    a mesh, which must stay open while `moving` is used
  * room     at least pandis_refit_room bytes of memory, aligned to 8 bytes, kept by the caller
  * size     of the room, bytes
  *
- * Returns PANDIS_SUCCESS, PANDIS_ERROR_CONTENT (no mesh), PANDIS_ERROR_ALIGNMENT or
+ * Returns PANDIS_SUCCESS, PANDIS_ERROR_CONTENT (not a mesh), PANDIS_ERROR_ALIGNMENT or
  * PANDIS_ERROR_COUNT (too little room). */
 PANDIS_API pandis_error pandis_refit_open(
     pandis_field *moving, const pandis_field *field, void *room, size_t size);
@@ -446,8 +449,8 @@ PANDIS_API pandis_error pandis_refit_open(
  * vertices  3 * count doubles, mesh units, in the order of mesh.zarr.zip
  * count     pandis_vertex_count
  *
- * Returns PANDIS_SUCCESS; PANDIS_ERROR_VERTEX, PANDIS_ERROR_COUNT or PANDIS_ERROR_CONTENT, and the
- * old shape stays. */
+ * Returns PANDIS_SUCCESS, PANDIS_ERROR_VERTEX, PANDIS_ERROR_COUNT or PANDIS_ERROR_CONTENT; after an
+ * error the old shape stays. */
 PANDIS_API pandis_error pandis_refit(pandis_field *moving, const double *vertices, size_t count);
 
 #if defined(__GNUC__) || defined(_MSC_VER)
@@ -471,9 +474,10 @@ PANDIS_API pandis_error pandis_handover_open(
 PANDIS_API pandis_error pandis_handover_refit(
     pandis_handover *handover, const double *vertices, size_t count);
 
-/* [rt] Set `moving` to the newest complete shape, at the beginning of a tick. It then does not
- * change until the next call. Returns 1 if the shape is new, and in the first call; else 0. After
- * 1, notify scenes (pandis_scene_moved) and contacts (pandis_contact_reshaped). */
+/* [rt] Set `moving` to the newest complete shape, at the beginning of a tick. The shape then
+ * does not change until the next call. Returns 1 if the shape is new, as it is in the first call;
+ * else 0. If 1 is returned, notify scenes (pandis_scene_moved) and contacts
+ * (pandis_contact_reshaped). */
 PANDIS_API int pandis_handover_take(pandis_handover *handover, pandis_field *moving);
 #endif
 /* -------------------- objects and what they feel like */
@@ -510,35 +514,35 @@ typedef struct {
 /* A height above the surface, which a proxy feels. It is never negative, so walls are as tight as
  * without a texture. The proxy follows slopes up to about 0.65; on steeper ones it falls behind. */
 typedef struct {
-    /* the height, from 0 to `most`, and its gradient, no longer than `steepest`, at a point of the
-     * surface (mesh units) in a region (pandis_answer). It is called in the loop, so it must be
-     * [rt], too */
+    /* returns the height, from 0 to `most`, at a point of the surface (mesh units) in a region
+     * (pandis_answer), and sets its gradient, which is no longer than `steepest`. The loop calls
+     * this function, so it must be [rt], too */
     double (*height)(const void *data, const double point[3], int region, double gradient[3]);
     const void *data; /* passed on to `height` */
     double most;      /* mesh units, from 0 on */
     double steepest;  /* from 0 to 15: steeper textures let a probe through thin walls */
 } pandis_texture;
 
-/* [rt] A height for textures: waves that vary along a direction of unit length; steepest 3.15 *
- * height / length. */
+/* [rt] A height for textures: waves that vary along a direction of unit length. Their `steepest`
+ * is 3.15 * height / length. */
 typedef struct {
     double height, length, direction[3]; /* mesh units */
 } pandis_ridges;
 PANDIS_API double pandis_waves(
     const void *ridges, const double point[3], int region, double gradient[3]);
 
-/* [rt] A height for textures: pseudorandom bumps, one per cube of side `length`; steepest 3.25 *
- * height / length. */
+/* [rt] A height for textures: pseudorandom bumps, one per cube of side `length`. Their `steepest`
+ * is 3.25 * height / length. */
 typedef struct {
     double height, length; /* mesh units */
 } pandis_bumps;
 PANDIS_API double pandis_noise(
     const void *bumps, const double point[3], int region, double gradient[3]);
 
-/* [rt] A texture for each region: `count` of them, in the order of the regions; a NULL height is
- * smooth. The first texture also applies to places without a region, or with a region >= `count`,
- * as with materials. The combined texture has pandis_by_region as its height, and the largest
- * `most` and `steepest` of them all. */
+/* [rt] A texture for each region: `count` of them, in the order of the regions; if `height` is
+ * NULL, the region is smooth. The first texture also applies to places without a region, or with a
+ * region >= `count`, as with materials. The combined texture has pandis_by_region as its height,
+ * and the largest `most` and `steepest` of them all. */
 typedef struct {
     const pandis_texture *textures;
     int32_t count;
@@ -557,14 +561,14 @@ PANDIS_API double pandis_by_region(
 typedef struct {
     /* of the proxy, scene lengths; 0: a point. Up to 1e100 for meshes, compact meshes, closed forms
      * and networks; for splines and grids up to 0.95 of the height above the surface that they
-     * cover (by default 1 mm of 100), else PANDIS_ERROR_RADIUS. Default 0 */
+     * cover (by default 1 mm for an object of 100 mm), else PANDIS_ERROR_RADIUS. Default 0 */
     double radius;
     /* largest excess of the proxy's speed over the probe's: scene lengths per second, at least 0.
      * It limits jumps of the force at ridges. Default: half the object's longest side */
     double slide;
     /* number of queries after which a step ends (a started look may add two, and `regions` one);
-     * the next step continues it. At least 8: with fewer, every step would start over. Default 24
-     */
+     * the next step goes on from there. At least 8: with fewer, every step would start over.
+     * Default 24 */
     int32_t budget;
     /* one per region, kept by the caller, who may change values between steps. The first also
      * applies to places with no region, or with one beyond the last. NULL: smooth */
@@ -601,8 +605,8 @@ typedef enum {
 /* Result of a step, in units and directions of the scene. */
 typedef struct {
     double force[3], proxy[3];
-    /* of the surface, or of several combined, against which the proxy is pressed; 0 if there is
-     * none */
+    /* of the surface against which the proxy is pressed, or of several surfaces combined; 0 if
+     * there is none */
     double normal[3];
     double depth;     /* how far the probe is pressed past the proxy, along the normal */
     double slip;      /* how far the proxy slid along the surface */
@@ -636,18 +640,19 @@ PANDIS_API pandis_error pandis_contact_set(
     pandis_contact *contact, const pandis_contact_options *options);
 
 /* [rt] Move the probe. The proxy follows it through free space and never goes through the surface,
- * however thin a wall is. Along the surface it takes short steps, on up to three planes at once, of
- * eight that it stores.
+ * however thin a wall is. Along the surface it takes short steps. Up to three planes hold it
+ * at once, of the eight that it stores.
  *
- * object    its pose may differ from the last step's: the proxy moves with it. With another field
- * or scale the contact restarts; if the probe is then inside, the state is PANDIS_WAITING position
- * of the probe, scene lengths dt        seconds since the last step, more than 0. Tested with steps
- * of 0.2 to 5 ms
+ * object    its pose may differ from the last step's: the proxy moves with the object.
+ *           With another field or scale the contact restarts; if the probe is then inside,
+ *           the state is PANDIS_WAITING
+ * position  of the probe, scene lengths
+ * dt        seconds since the last step, more than 0. Tested with steps of 0.2 to 5 ms
  *
- * Returns touch->flag. PANDIS_INVALID, where position, dt, the stiffness or a material is out of
- * range, means no force in this tick: it drops to zero at once. Apart from damping, the force
- * changes by at most the object's stiffness times (twice the probe's motion + slide * dt). A jump
- * of the object counts as motion of the probe. */
+ * Returns touch->flag. PANDIS_INVALID means that there is no force in this tick: it drops to zero
+ * at once. This happens if the position, dt, the stiffness or a material is out of range. Apart
+ * from damping, the force changes by at most the object's stiffness times (twice the probe's motion
+ * + slide * dt). A jump of the object counts as motion of the probe. */
 PANDIS_API pandis_flag pandis_contact_step(pandis_contact *contact, const pandis_object *object,
     const double position[3], double dt, pandis_touch *touch);
 
@@ -675,12 +680,13 @@ typedef union {
 
 /* Begin a scene.
  *
- * objects      `count` objects, kept by the caller, who may change them between calls: see
- * pandis_scene_moved room         memory of at least PANDIS_SCENE_ROOM(count) doubles, kept by the
- * caller room_length  number of doubles in `room`
+ * objects      `count` objects, kept by the caller, who may change them between calls:
+ *              see pandis_scene_moved
+ * room         memory of at least PANDIS_SCENE_ROOM(count) doubles, kept by the caller
+ * room_length  number of doubles in `room`
  *
- * Returns PANDIS_SUCCESS; PANDIS_ERROR_POSE: invalid objects are left out; or PANDIS_ERROR_COUNT:
- * the scene is empty. */
+ * Returns PANDIS_SUCCESS; PANDIS_ERROR_POSE if objects are invalid, which are left out; or
+ * PANDIS_ERROR_COUNT if there is too little room, and the scene is empty. */
 PANDIS_API pandis_error pandis_scene_open(pandis_scene *scene, const pandis_object *objects,
     size_t count, double *room, size_t room_length);
 
@@ -689,14 +695,14 @@ PANDIS_API pandis_error pandis_scene_open(pandis_scene *scene, const pandis_obje
  *
  * object   its index
  *
- * Returns PANDIS_SUCCESS; PANDIS_ERROR_POSE: the object is left out until it is valid; or
- * PANDIS_ERROR_COUNT: there is no such object. */
+ * Returns PANDIS_SUCCESS; PANDIS_ERROR_POSE if the object is invalid: it is left out until this
+ * function finds it valid; or PANDIS_ERROR_COUNT if there is no such object. */
 PANDIS_API pandis_error pandis_scene_moved(pandis_scene *scene, size_t object);
 
 /* [rt] The sum of the penalty forces of all objects, in their order: bit for bit that of
- * pandis_object_force, provided that no field's distance error exceeds the bound in its file. It
- * does not affect pandis_scene_touch, whatever the order of calls. Returns the worst flag of the
- * objects queried.
+ * pandis_object_force, provided that no field's distance error exceeds the bound in its file. The
+ * call does not affect pandis_scene_touch, whatever the order of calls. Returns the worst flag of
+ * the objects queried.
  *
  * point    scene lengths, at most 1e100 */
 PANDIS_API pandis_flag pandis_scene_force(
@@ -708,14 +714,14 @@ PANDIS_API pandis_flag pandis_scene_force(
  * options   `count` options, copied; NULL: the defaults
  * count     number of objects in the scene, else PANDIS_ERROR_COUNT
  *
- * Returns PANDIS_SUCCESS, or the first error of pandis_contact_open: that object is left out until
- * this is called again. */
+ * Returns PANDIS_SUCCESS, or the first error of pandis_contact_open. Objects with an error are left
+ * out until this function is called again. */
 PANDIS_API pandis_error pandis_scene_touch_open(pandis_scene *scene, pandis_contact *contacts,
     const pandis_contact_options *options, size_t count);
 
 /* [rt] Move the probe, and step the contacts of all objects that it may touch. The force is the sum
- * of theirs, in the order of the objects, bit for bit as if all had been stepped. A moved object
- * carries its proxy along.
+ * of their forces, in the order of the objects, bit for bit as if all contacts had been stepped. A
+ * moved object carries its proxy along.
  *
  * position  scene lengths, at most 1e100
  * dt        seconds since the last step, more than 0
@@ -737,7 +743,8 @@ PANDIS_API size_t pandis_scene_queries(const pandis_scene *scene);
  * A simulation hands frames of poses over to the haptic loop; neither waits. Of three frames one is
  * written, one is followed, and the newest complete one is handed over. In each tick every object
  * moves, without a jump, towards the pose predicted for the time when the next frame is due. If the
- * frame is late, it waits there. One thread gives, one steps. */
+ * frame is late, the object waits there. One thread calls pandis_poses_give, the other
+ * pandis_poses_step. */
 
 /* Pose and velocity of an object in a frame. */
 typedef struct {
@@ -772,9 +779,9 @@ PANDIS_API pandis_error pandis_poses_open(
  * count    number of objects, else PANDIS_ERROR_COUNT
  * period   seconds until the next frame is due, more than 0 and at most 1e6
  *
- * Returns PANDIS_SUCCESS; or PANDIS_ERROR_POSE, and nothing is handed over: a rotation matrix is
- * not a rotation, a value is not finite, or an object turns more than halfway round in the period.
- */
+ * Returns PANDIS_SUCCESS, PANDIS_ERROR_COUNT or PANDIS_ERROR_POSE: a rotation matrix is not a
+ * rotation, a value is out of range, or an object turns by more than half a turn in the period.
+ * After an error nothing is handed over. */
 PANDIS_API pandis_error pandis_poses_give(
     pandis_poses *poses, const pandis_pose *frame, size_t count, double period);
 
@@ -805,7 +812,7 @@ PANDIS_API int pandis_poses_step(pandis_poses *poses, pandis_scene *scene, doubl
 #error "pandis.h needs IEEE arithmetic: compile without -ffast-math (/fp:fast)"
 #endif
 #if FLT_EVAL_METHOD != 0 && FLT_EVAL_METHOD != 16 /* 16: only half-precision arithmetic differs */
-#error "pandis.h needs float and double arithmetic as such: compile with -mfpmath=sse"
+#error "pandis.h needs arithmetic without excess precision: compile with -mfpmath=sse"
 #endif
 #ifndef PANDIS_NO_FILE
 #if defined(_WIN32) || !defined(PANDIS_MMAP)
@@ -828,9 +835,10 @@ PANDIS_API int pandis_poses_step(pandis_poses *poses, pandis_scene *scene, doubl
 #define PANDIS__RESTRICT restrict
 #endif
 
-/* -O2 is enough for the code below. GCC then uses few vectors, and even fewer if an operation might
- * trap, so options are set here; clang needs none. Products and sums are rounded separately,
- * whatever the flags, so that all compilers, machines and vector widths give the same bits. */
+/* The code below needs only -O2. With it, GCC vectorises little, and even less if an operation
+ * might trap, so further options are set here; clang needs none. Products and sums are rounded
+ * separately, whatever the flags, so that all compilers, machines and vector widths give the same
+ * bits. */
 #if defined(__cplusplus) && defined(__GNUC__) /* the code is also C, which has no other casts */
 #pragma GCC diagnostic push
 #pragma GCC diagnostic ignored "-Wold-style-cast"
@@ -847,7 +855,7 @@ PANDIS_API int pandis_poses_step(pandis_poses *poses, pandis_scene *scene, doubl
 #define PANDIS__PUSHED
 #endif
 
-/* without optimisation clang's stack would grow */
+/* without optimisation, inlining would make clang's stack frames larger */
 #if defined(__GNUC__) && !(defined(__clang__) && !defined(__OPTIMIZE__))
 #define PANDIS__INLINE static inline __attribute__((always_inline))
 #else
@@ -891,7 +899,7 @@ PANDIS_API int pandis_poses_step(pandis_poses *poses, pandis_scene *scene, doubl
 #define PANDIS__DEEPEST 100
 #define PANDIS__NO_BRICK 65535
 #define PANDIS__MOST_BITS 20
-/* minimum number of boxes and faces visited in tree order, before best-first */
+/* minimum number of boxes and faces visited in tree order, before the search is best-first */
 #define PANDIS__SOON 192
 #define PANDIS__SLACK 16 /* bytes after the last block that are read but not used */
 #define PANDIS__BLOCK 64 /* maximum number of faces, and of corners, per block of a packed mesh */
@@ -938,7 +946,7 @@ typedef struct {
     pandis_contact_options options; /* budget 0: the contact is not open */
     int32_t state, planes, sticks, settled, close, stalled, idle, face, region;
     /* in the object's unit frame */
-    pandis_object object; /* its pose in the last step */
+    pandis_object object; /* with its pose in the last step */
     double ball[5], sunk, lift, pace, rested, proxy[3], probe[3], velocity[3], pull[3], plane[8][7];
 } pandis__contact;
 
@@ -998,9 +1006,9 @@ PANDIS__ONCE PANDIS_API pandis_error pandis__check(
 
 /* -------------------- vectors
  *
- * Sums run in lanes. These are vector types if the compiler has them, since it would not keep lanes
- * in registers by itself; otherwise a vector is one number. The order of additions is the same for
- * every width. */
+ * Sums run in lanes. If the compiler has vector types, these hold the lanes, because the compiler
+ * would not keep lanes in registers by itself. Otherwise a vector is a single number. The order of
+ * additions is the same for every width. */
 #if (defined(__clang__) || (defined(__GNUC__) && __GNUC__ >= 9)) && !defined(PANDIS_NO_VECTORS)
 #if defined(__AVX512F__)
 #define PANDIS__VECTOR 16
@@ -1024,7 +1032,7 @@ typedef float pandis__vector;
 #define pandis__load(p) (*(p))
 #define pandis__load16(p) ((float)*(p))
 #endif
-/* clang does this by itself */
+/* GCC needs these intrinsics to convert in one instruction; clang does it by itself */
 #if PANDIS__VECTOR == 8 && defined(__x86_64__) && defined(__GNUC__) && !defined(__clang__)
 #define pandis__load16_wide(p)                                                                     \
     __builtin_convertvector(                                                                       \
@@ -1047,8 +1055,8 @@ typedef float pandis__vector;
 #define PANDIS__PARTS (PANDIS__LANES / PANDIS__VECTOR)
 
 /* Hot functions are compiled twice if the program is for any x86-64 machine: as `name_plain`, and
- * as `name_wide` for AVX2, which is used where the machine has it. Windows does not align the stack
- * for such vectors. */
+ * as `name_wide` for AVX2, which is used where the machine has it. Not on Windows, which does not
+ * align the stack for such vectors. */
 #if PANDIS__VECTOR == 8 && defined(__x86_64__) && !defined(__AVX2__) && !defined(_WIN32) &&        \
     !defined(PANDIS_NO_DISPATCH)
 #define PANDIS__WIDE __attribute__((target("avx2")))
@@ -1073,9 +1081,10 @@ typedef float pandis__vector;
 #define PANDIS__PART2 4.837512969970703125e-4f
 #define PANDIS__PART3 7.549789954891e-8f
 
-/* Compute sine and cosine within 1.2e-7 for |x| up to 1e4. Beyond, where no trained network goes,
- * results are those of 0; they are NaN if x is not finite. Minimax polynomials on [-pi/4, pi/4]
- * (Cephes, Moshier). No branch, so that it vectorises. */
+/* Compute the sine and cosine within 1.2e-7 for |x| up to 1e4. Beyond that, where no trained
+ * network goes, the results are those of 0; if x is not finite, they are NaN. The minimax
+ * polynomials on [-pi/4, pi/4] are from Cephes (Moshier). The code has no branch, so that it
+ * vectorises. */
 PANDIS__INLINE void pandis__sine_cosine(float x, float *sine, float *cosine) {
     const float whole = 12582912.0f; /* adding 1.5 * 2^23 rounds to the nearest whole number */
     float none = x - x;              /* 0, or NaN if x is not finite */
@@ -1148,7 +1157,7 @@ typedef float pandis__four_floats __attribute__((vector_size(16), aligned(4), ma
 #define PANDIS__FOUR_AT_ONCE
 #endif
 
-/* Add value and gradient of the spline that has these 64 coefficients around a point. */
+/* Add the value and gradient of the spline that has these 64 coefficients around a point. */
 PANDIS__INLINE void pandis__tensor(
     const float *c, double (*w)[4], double (*dw)[4], double *value, double *gradient) {
 #ifdef PANDIS__FOUR_AT_ONCE
@@ -1187,7 +1196,7 @@ static void pandis__gather(const float *values, int32_t size, const int *first, 
                 4 * sizeof *c);
 }
 
-/* Compute value and gradient at a point of the box, from a lattice that covers it. */
+/* Compute the value and gradient at a point of the box, from a lattice that covers the box. */
 static void pandis__cubic(
     const pandis__lattice *l, const double *u, double *value, double *gradient) {
     double within[3], w[3][4], dw[3][4];
@@ -1229,8 +1238,8 @@ PANDIS__INLINE int32_t pandis__block(const pandis__layout *l, int bx, int by, in
 
 /* -------------------- eight boxes or triangles at once, in single precision
  *
- * Squared distances are sorted as integers, their keys: non-negative floats sort like integers with
- * the same bits. The last three bits are the index of the box. */
+ * Squared distances are sorted by integer keys, because non-negative floats sort like integers with
+ * the same bits. The last three bits of a key are the index of the box. */
 
 PANDIS__INLINE int32_t pandis__least(const int32_t *keys) {
     int32_t least = keys[0];
@@ -1273,8 +1282,8 @@ static pandis__waiting pandis__next(pandis__waiting *heap, int count) {
     return first;
 }
 
-/* Queue a box. If the queue is full, drop the farther of this box and the last one, and return 1
- * and its key. */
+/* Queue a box. If the queue is full, drop this box or the last one, whichever is farther, store its
+ * key in `out`, and return 1. */
 static int pandis__wait_or_drop(
     pandis__waiting *heap, int *count, int32_t key, int32_t child, int32_t *out) {
     pandis__waiting one = {key, child};
@@ -1293,9 +1302,9 @@ PANDIS__INLINE float pandis__clamp01f(float t) {
     return t < 1 ? t : 1;
 }
 
-/* Squared distances from a point to eight triangles, given as (3 corners, 3 axes, 8): each is that
- * of some point of the triangle, and so too small only by rounding. pandis__slacks bounds how much
- * too large it can be. */
+/* Squared distances from a point to eight triangles, given as (3 corners, 3 axes, 8). Each
+ * result belongs to some point of the triangle, so it can be too small only by rounding.
+ * pandis__slacks bounds how much too large it can be. */
 PANDIS__INLINE void pandis__eight_distances(
     float (*v)[3][PANDIS__WIDTH], const float *PANDIS__RESTRICT q, float *PANDIS__RESTRICT out) {
     for (int i = 0; i < PANDIS__WIDTH; i++) {
@@ -1328,11 +1337,11 @@ PANDIS__INLINE void pandis__eight_distances(
     }
 }
 
-/* How much too large the distance d to any of eight triangles can be in single precision, besides
- * rounding of the point: at most slack[0] + slack[1] * d. With B = 1 / the sine of the angle at the
- * first corner and the unit roundoff e, the foot inside a triangle is off by less than e (32 B (d +
- * longest side) + 8 B^2 d). If a triangle is so narrow that half its smallest height is less, that
- * is the bound: an edge is as near. */
+/* How much too large the distance d to any of eight triangles can be in single precision, apart
+ * from the rounding of the point: at most slack[0] + slack[1] * d. With B = 1 / the sine of the
+ * angle at the first corner and the unit roundoff e, the foot inside a triangle is off by less than
+ * e (32 B (d + longest side) + 8 B^2 d). If half the smallest height of a triangle is less than
+ * this, half the height is the bound, because an edge is at most that far from any point inside. */
 static void pandis__slacks(float (*v)[3][PANDIS__WIDTH], float *slack) {
     const float e = 6e-8f;
     float off[PANDIS__WIDTH], share[PANDIS__WIDTH];
@@ -1362,8 +1371,8 @@ static void pandis__slacks(float (*v)[3][PANDIS__WIDTH], float *slack) {
     }
 }
 
-/* Whether a segment from a point meets a triangle (-1: from inside, 1: from outside), and at which
- * share of it. */
+/* Whether a segment from a point, or its extension, meets a triangle (-1: from inside, 1: from
+ * outside). `at` is set to the share of the segment at which they meet. */
 static int pandis__meets(const double *const *c, const double *p, const double *way, double *at) {
     double u[3], v[3], x[3], across[3], turned[3];
     for (int k = 0; k < 3; k++)
@@ -1379,9 +1388,8 @@ static int pandis__meets(const double *const *c, const double *p, const double *
 
 /* Input of a search (unit frame): how far to look, and a guess of the distance to the nearest face,
  * which may be wrong. Output: the closest point, its face in mesh.zarr.zip (-1: unknown), the place
- * of that face in the field's own order
- * (-1: none), whether the point lies on a corner or an edge, and the direction of that edge (else
- * 0). */
+ * of that face in the field's own order (-1: none), whether the point lies on a corner or an edge,
+ * and the direction of that edge (else 0). */
 typedef struct {
     double reach, guess, closest[3];
     int32_t face, place, round;
@@ -1393,7 +1401,7 @@ typedef struct {
 
 typedef struct {
     double weights[3], offset[3], distance; /* offset: from the closest point to the query */
-    /* where it lies: a corner, an edge (k to k + 1), or -1, -1 */
+    /* the corner or the edge (k to k + 1) that contains the closest point; -1: none */
     int corner, edge;
 } pandis__foot;
 
@@ -1433,8 +1441,8 @@ static void pandis__edge_foot(
     *s = t, *squared = pandis__dot(offset, offset);
 }
 
-/* Find the closest point on a triangle's edges, and its corner or edge. Returns the squared
- * distance. */
+/* Find the closest point on a triangle's edges, and the corner or edge that contains it. Returns
+ * the squared distance. */
 static double pandis__rim_foot(const double *const *c, const double *p, pandis__foot *foot) {
     double best = (double)INFINITY;
     memset(foot, 0, sizeof *foot);
@@ -1502,7 +1510,7 @@ static void pandis__find_mesh_foot(
     pandis__find_foot(c, p, foot);
 }
 
-/* Add a face's normal to that of its k-th corner, weighted by its angle there. */
+/* Add a face's normal, weighted by the angle at its k-th corner, to the normal of that corner. */
 static void pandis__corner_normal(
     const pandis__mesh *t, int32_t face, int k, const double *n, double *sum) {
     const double *p = pandis__corner(t, face, k), *q = pandis__corner(t, face, (k + 1) % 3);
@@ -1514,7 +1522,7 @@ static void pandis__corner_normal(
     for (int i = 0; i < 3; i++) sum[i] += angle * n[i];
 }
 
-/* Compute the normal of a vertex; if the mesh moves, from its current faces. */
+/* Get the normal of a vertex: the stored one or, if the mesh moves, that of its current faces. */
 static void pandis__vertex_normal(const pandis__mesh *t, int32_t vertex, double *n) {
     if (!t->around) {
         memcpy(n, t->vertex_normals + 3 * (ptrdiff_t)vertex, 3 * sizeof *n);
@@ -1547,9 +1555,9 @@ static void pandis__pseudonormal(
     if (!known) n[0] = n[1] = 0, n[2] = 1;
 }
 
-/* Whether no coordinate of a point exceeds the largest of the vertices. Beyond, the point is
- * outside: very far away all triangles are equally near, and their normals do not determine the
- * side. */
+/* Whether no coordinate of a point exceeds the vertices' largest coordinate. A point beyond that is
+ * outside: very far away all triangles are about equally near, so their normals do not determine
+ * the side. */
 static int pandis__within(const pandis__mesh *t, const double *p) {
     return fabs(p[0]) <= t->reach && fabs(p[1]) <= t->reach && fabs(p[2]) <= t->reach;
 }
@@ -1561,8 +1569,8 @@ static double pandis__sign(
 
 /* -------------------- the nearest face of a mesh
  *
- * Candidates for the nearest face are found in single precision, by leaves; double precision
- * decides. */
+ * Candidates for the nearest face are found in single precision, leaf by leaf. The nearest of them
+ * is then chosen in double precision. */
 
 /* The keys of a node's boxes: lower bounds of the squared distances to their contents. */
 PANDIS__INLINE void pandis__box_keys(const pandis__node *PANDIS__RESTRICT n,
@@ -1614,7 +1622,7 @@ PANDIS__INLINE void pandis__four_squared(const pandis__mesh *t, const int32_t *f
         double wx = vx - ux, wy = vy - uy, wz = vz - uz, bx = x - ux, by = y - uy, bz = z - uz;
         double nx = uy * vz - uz * vy, ny = uz * vx - ux * vz, nz = ux * vy - uy * vx;
         double det = nx * nx + ny * ny + nz * nz;
-        /* an edge without length gives 0 / 0 = NaN, which counts as 0; with a face without area,
+        /* an edge without length gives 0 / 0 = NaN, which counts as 0; for a face without area,
          * the foot counts as outside */
         double s = pandis__clamp01(du * (1 / uu)), r = pandis__clamp01(dv * (1 / vv));
         double rx = x - s * ux, ry = y - s * uy, rz = z - s * uz;
@@ -1635,7 +1643,7 @@ PANDIS__INLINE void pandis__four_squared(const pandis__mesh *t, const int32_t *f
     }
 }
 
-#define PANDIS__MAYBE 12 /* capacity of the queue of faces for double precision */
+#define PANDIS__MAYBE 12 /* capacity of the queue of faces that wait for double precision */
 
 /* State of a search for the nearest face: an upper bound of its distance; the nearest face computed
  * in double precision, and its squared distance; how many nodes, leaves and faces may still be
@@ -1652,7 +1660,7 @@ typedef struct {
     } maybe[PANDIS__MAYBE];
 } pandis__seeking;
 
-/* Largest squared distance in single precision of a face within a limit. */
+/* Largest squared distance that a face within a limit can have in single precision. */
 static double pandis__may_seem(double limit, const float *slack) {
     double most = (limit + (double)slack[0]) * (1 + 2 * (double)slack[1]);
     return most * most * (1 + 1e-6);
@@ -1681,8 +1689,8 @@ PANDIS__INLINE void pandis__settle(const pandis__mesh *t, const double *p, pandi
     s->count = 0;
 }
 
-/* The 24 triangle vertices of a leaf of a mesh that moves, stored after the corners on each vertex.
- */
+/* The vertices of the eight triangles of a leaf, for a mesh that moves. They are stored after the
+ * lists of corners at each vertex. */
 static const int32_t *pandis__leaf_vertices(const pandis__mesh *t, ptrdiff_t leaf) {
     return t->corners_at + 3 * (ptrdiff_t)t->face_count + 3 * PANDIS__WIDTH * leaf;
 }
@@ -1699,8 +1707,8 @@ PANDIS__APART static void pandis__moved_triangles(
 }
 
 /* Compute squared distances to the triangles of a leaf in single precision, and their error bounds.
- * Returns the smallest. If single precision cannot represent the squares, they are zeros, and -1 is
- * returned. */
+ * Returns the smallest squared distance. If single precision cannot represent the squares, they are
+ * set to zero, and -1 is returned. */
 PANDIS__INLINE double pandis__seem(
     const pandis__mesh *t, const pandis__leaf *leaf, const double *p, double *seems, float *slack) {
     float v[3][3][PANDIS__WIDTH], q[3] = {0, 0, 0}, d[PANDIS__WIDTH] = {0};
@@ -1815,8 +1823,8 @@ PANDIS__COMPILE(
     pandis__seek_best, (const pandis__mesh *t, const double *p, pandis__seeking *s), (t, p, s))
 
 /* Find the nearest face within `limit`, by its distance in double precision; INT32_MAX if there is
- * none. `clear`: if the search was cut short, the least distance of all other faces; else infinite.
- */
+ * none. If the search was cut short, `clear` becomes a lower bound of the distances to all other
+ * faces; else infinite. */
 static int32_t pandis__nearest(
     const pandis__mesh *t, const double *p, double limit, double *clear) {
     pandis__seeking s;
@@ -1863,8 +1871,9 @@ static int pandis__nodes_between(
     return met;
 }
 
-/* Find the side of a point (-1: inside) from the first face on the segment to a target, which is
- * free up to the share `from`. If the segment meets too many faces, the target's face decides. */
+/* Find the side of a point (-1: inside) from the first face on the segment to a target. The segment
+ * is free up to the share `from` of its length. If it meets too many faces, the target's face
+ * decides. */
 PANDIS__APART static double pandis__first_sign(
     const pandis__mesh *t, const double *p, const double *target, const double *n, double from) {
     int32_t stack[PANDIS__STACK], left = t->most;
@@ -1914,7 +1923,7 @@ PANDIS__APART static pandis_flag pandis__answer_mesh(const pandis__mesh *t, cons
     pandis__start *begin, double *distance, double *normal, double *clear) {
     pandis__foot foot;
     double limit = begin->guess * (1 + 1e-9) + 1e-12 * t->reach; /* with a margin for rounding */
-    /* a reach, with a margin for the errors of leaves on slivers */
+    /* search up to the reach, plus a margin for the errors of leaves with sliver triangles */
     int beyond = begin->reach < 1e18 && begin->reach < limit;
     if (beyond) limit = begin->reach * (1 + 1e-6) + 1e-5 * t->reach;
     int32_t face = pandis__nearest(t, u, limit, clear);
@@ -1923,7 +1932,7 @@ PANDIS__APART static pandis_flag pandis__answer_mesh(const pandis__mesh *t, cons
         *clear = begin->reach;
         return PANDIS_BEYOND;
     }
-    /* if cut short, a search with a limit may end elsewhere: repeat it without one */
+    /* a search with a limit may find another face if it is cut short: repeat it without a limit */
     if ((face == INT32_MAX || cut) && limit < (double)INFINITY)
         face = pandis__nearest(t, u, (double)INFINITY, clear);
     if (face == INT32_MAX) return PANDIS_INVALID;
@@ -1950,15 +1959,15 @@ PANDIS__APART static pandis_flag pandis__answer_mesh(const pandis__mesh *t, cons
 /* -------------------- closest points of a packed mesh
  *
  * The mesh's vertices lie on a lattice. Its faces are stored in blocks of up to 64. Each block
- * has separate corners, in as few bits as possible, and eight boxes around eight faces each; a tree
+ * has its own corners, in as few bits as possible, and eight boxes around eight faces each; a tree
  * of eight-wide branches leads to the blocks. The nearest face is found in single precision,
- * relative to the block; its closest point and the answer are then computed in double.
+ * relative to the block; its closest point and the answer are then computed in double precision.
  *
  * The side of a point whose closest point lies on an edge or a corner: all points with that closest
  * point form a convex cone that the surface does not enter, so they are on the same side. Two bits
- * store it, and no neighbour is needed. Where faces around are nearly coplanar, and inside faces,
- * the face itself determines the side. Where the lattice has folded the surface over itself no face
- * does: there ray crossings are counted. */
+ * store this side, so no neighbouring face is needed. Where the faces around the edge or corner are
+ * nearly coplanar, and inside faces, the nearest face itself determines the side. Where rounding to
+ * the lattice has folded the surface over itself, no face does; ray crossings are counted there. */
 
 enum { PANDIS__BY_FACE, PANDIS__OUTSIDE, PANDIS__INSIDE, PANDIS__BY_RAY };
 
@@ -2063,8 +2072,8 @@ PANDIS__INLINE void pandis__byte_bounds(const unsigned char *PANDIS__RESTRICT bo
 }
 
 /* Squared distances to the eight triangles of a group. Their normals are exact as long as sides are
- * shorter than 2^12 steps; the closest point inside a triangle is off by rounding over the sine of
- * its narrowest corner. */
+ * shorter than 2^12 steps. The error of the closest point inside a triangle is that of rounding,
+ * divided by the sine of the triangle's narrowest angle. */
 PANDIS__INLINE void pandis__group_distances(const pandis__packed *b, int group,
     const float *PANDIS__RESTRICT q, float *PANDIS__RESTRICT out) {
     float v[3][3][PANDIS__WIDTH];
@@ -2183,9 +2192,9 @@ PANDIS__INLINE void pandis__search_best_body(
 PANDIS__COMPILE(pandis__search_best,
     (const pandis__compact *t, const double *p, pandis__near *best), (t, p, best))
 
-/* Find the face nearest to a point in lattice steps: block * 64 + place; INT32_MAX if there is none
- * within `reach` (steps). `clear`: if the search was cut short, the squared distance that all other
- * faces exceed; else infinite. */
+/* Find the face nearest to a point (in lattice steps). Returns block * 64 + place, or INT32_MAX if
+ * no face is within `reach` (steps). If the search was cut short, `clear` becomes a lower bound of
+ * the squared distances to all other faces; else infinite. */
 static int32_t pandis__search(
     const pandis__compact *t, const double *p, double reach, float *clear) {
     int32_t soon = pandis__soon(t->most);
@@ -2223,7 +2232,7 @@ static int pandis__two_bits(const unsigned char *list, int at) {
     return list[at / 4] >> 2 * (at % 4) & 3;
 }
 
-/* Bit mask of the boxes, of eight, that a ray from a point along x meets. */
+/* Bit mask of the boxes (at most eight) that a ray from a point along x meets. */
 static int pandis__boxes_ahead(const unsigned char *boxes, int count, const int32_t *origin,
     const int *shift, const double *p) {
     int met = 0;
@@ -2292,8 +2301,8 @@ PANDIS__APART static int pandis__winding(const pandis__compact *t, const double 
     return turns;
 }
 
-/* Bit mask of the boxes, of eight, that a segment from a point meets beyond the share `from` of its
- * length. */
+/* Bit mask of the boxes (at most eight) that a segment from a point meets beyond the share `from`
+ * of its length. */
 static int pandis__boxes_between(const unsigned char *boxes, int count, const int32_t *origin,
     const int *shift, const double *p, const double *way, double from) {
     int met = 0;
@@ -2313,8 +2322,8 @@ static int pandis__boxes_between(const unsigned char *boxes, int count, const in
     return met;
 }
 
-/* Find the side of a point from the first face on the segment to a target, which is free up to the
- * share `from`. If the segment meets too many faces, the target's face decides. */
+/* Find the side of a point from the first face on the segment to a target. The segment is free up
+ * to the share `from` of its length. If it meets too many faces, the target's face decides. */
 PANDIS__APART static int pandis__first_side(
     const pandis__compact *t, const double *p, const double *target, const double *n, double from) {
     int32_t stack[PANDIS__STACK], left = t->most;
@@ -2390,7 +2399,7 @@ PANDIS__APART static pandis_flag pandis__answer_compact(const pandis__compact *t
     /* a little beyond the reach: single precision may overestimate distances */
     double steps = nearer < 1 ? (double)INFINITY : (begin->reach * 1.0001 + 1e-3) / t->step;
     int32_t face = pandis__search(t, p, steps, &unseen);
-    /* if cut short, a search with a reach may end elsewhere: repeat it without one */
+    /* a search with a reach may find another face if it is cut short: repeat it without a reach */
     if (unseen < FLT_MAX && steps < 1e18)
         steps = (double)INFINITY, face = pandis__search(t, p, steps, &unseen);
     if (face == INT32_MAX && steps < 1e18) {
@@ -2434,8 +2443,8 @@ PANDIS__APART static pandis_flag pandis__answer_compact(const pandis__compact *t
 }
 /* -------------------- networks */
 
-/* Reading the weights limits the speed of a network: prefetch the next rows while these are used.
- */
+/* Reading the weights limits the speed of a network: prefetch the next rows while the current ones
+ * are used. */
 #if PANDIS__VECTOR > 1
 #define PANDIS__FETCH(p) __builtin_prefetch(p)
 #else
@@ -2588,8 +2597,8 @@ static int pandis__fits_four(const pandis__network *n) {
     return 4 * (ptrdiff_t)n->stride * pandis__rows(n) <= PANDIS__ROOM;
 }
 
-/* Go back through a network of one output, from the slopes of its sines to its gradients (4 numbers
- * apart). `h` and `z` are room for a layer of all points. */
+/* Go back through a network with one output: compute its gradients, stored 4 numbers apart, from
+ * the slopes of its sines. `h` and `z` each have room for one layer of all points. */
 PANDIS__INLINE void pandis__network_gradient(
     const pandis__network *n, int count, const float *slopes, float *h, float *z, float *gradient) {
     int stride = n->stride;
@@ -2620,8 +2629,8 @@ PANDIS__INLINE void pandis__network_gradient(
 }
 
 /* Evaluate x -> sin(W x + b) ... -> phi and psi, or phi and its gradient; w0 is folded into W and
- * b. Four points share one pass over the weights; the answers are the same as for one. If normals
- * are NULL, no gradient is computed. */
+ * b. Four points share one pass over the weights; the answers are the same as for single points. If
+ * normals are NULL, no gradient is computed. */
 PANDIS__INLINE void pandis__answer_network_body(const pandis__network *n, int count, double (*u)[3],
     double *distance, double (*normal)[3], pandis_flag *flag) {
     float room[PANDIS__ROOM], result[4][4] = {{0}};
@@ -2693,7 +2702,7 @@ static const float *pandis__at(const pandis__grid *g, const int *i) {
 
 static double pandis__mix(double a, double b, double t) { return a * (1 - t) + b * t; }
 
-/* Find the corner values around a point, x slowest, and its position in the cell. */
+/* Find the corner values around a point, x slowest, and the point's position in its cell. */
 static void pandis__corners(
     const pandis__grid *g, const double *p, const float **corner, double *t) {
     int first[3];
@@ -2813,8 +2822,8 @@ PANDIS__INLINE int pandis__collect(const pandis__spline *s, int level, const int
     return found;
 }
 
-/* Add one level's value and gradient; returns as pandis__collect does. With a cache `cells` of this
- * spline, coefficients around recent points are not collected again. */
+/* Add one level's value and gradient; returns what pandis__collect does. With a cache `cells` of
+ * this spline, coefficients around recent points are not collected again. */
 PANDIS__INLINE int pandis__add_level(const pandis__spline *s, int level, const double *p,
     pandis__cells *cells, double *value, double *gradient) {
     const pandis__layout *l = s->layout + level;
@@ -2840,7 +2849,7 @@ PANDIS__INLINE int pandis__add_level(const pandis__spline *s, int level, const d
 
 /* Where two walls are about equally near, a spline rounds the crease between them: its gradient is
  * shorter than 1. The distance is linear towards the nearest wall. Therefore the spline is
- * evaluated nearer to it, where less is rounded, and extrapolated back. */
+ * evaluated nearer to that wall, where less is rounded, and its value is extrapolated back. */
 #define PANDIS__LIFT 0.7   /* largest shift, in steps of the coarse lattice */
 #define PANDIS__SHORT 0.02 /* smallest deficit of the squared gradient */
 
@@ -2971,7 +2980,7 @@ static int pandis__unit(const pandis_field *field, const double *point, double *
     return finite;
 }
 
-/* Convert distance, direction and flag (unit frame) to an answer in mesh units. */
+/* Convert a distance, a direction and a flag (unit frame) to an answer in mesh units. */
 static void pandis__tell(const pandis_field *field, double d, double *n, double clear,
     pandis_flag flag, pandis_answer *answer) {
     if (flag != PANDIS_INVALID && !(fabs(d) <= 4e150 && pandis__dot(n, n) <= 1e300))
@@ -3119,8 +3128,8 @@ PANDIS_API void pandis_query_many(const pandis_field *field, const double *point
 
 /* -------------------- derivatives of the distance */
 
-/* Finite-difference steps, unit frame: for a gradient in single precision, for a distance in single
- * and in double precision. */
+/* Finite-difference steps (unit frame): for gradients in single precision, for distances in single
+ * precision, and for distances in double precision. */
 #define PANDIS__STEP 1e-3
 #define PANDIS__WIDE_STEP 4e-3
 #define PANDIS__FINE_STEP 1e-4
@@ -3225,8 +3234,8 @@ static void pandis__bend_round(const pandis_answer *answer, const double *along,
     }
 }
 
-/* Compute the second derivatives of a closed form, which is flat, or round about a point or a line.
- */
+/* Compute the second derivatives of a closed form, which is locally flat, or round about a point or
+ * a line. */
 static void pandis__bend_shape(
     const pandis__shape *s, const double *p, const pandis_answer *answer, double *hessian) {
     double along[3] = {0, 0, 0};
@@ -3322,13 +3331,13 @@ PANDIS_API pandis_flag pandis_derivatives(
             by_formula = kind == PANDIS_SPLINE
                 ? pandis__bend_spline(&field->as.spline, u, own, bend)
                 : pandis__bend_grid(&field->as.grid, u, own, bend);
-        /* not squared: distances are scaled, too */
+        /* the scale is not squared, because distances are scaled, too */
         for (int i = 0; i < 9; i++) bend[i] *= field->scale;
     }
     if (kind == PANDIS_MESH || kind == PANDIS_COMPACT || kind == PANDIS_SHAPE)
         memcpy(own, answer.normal, sizeof own);
     if (!by_formula) {
-        /* in its box the normal of such a network is the gradient of its distance */
+        /* in the box, the normal of a network with one output is the gradient of its distance */
         int gradients =
             kind == PANDIS_NETWORK && field->as.network.outputs == 1 && answer.flag == PANDIS_OK;
         memset(bend, 0, sizeof bend);
@@ -3339,8 +3348,8 @@ PANDIS_API pandis_flag pandis_derivatives(
 }
 /* -------------------- meshes that move
  *
- * A refit writes only the vertices and the boxes around them: queries compute triangles and vertex
- * normals from the vertices where they are needed. */
+ * A refit writes only the vertices, the boxes around them, and the error bounds of leaves. Queries
+ * compute triangles and vertex normals from the vertices where they need them. */
 
 static uint64_t pandis__whole_words(uint64_t bytes) { return (bytes + 7) / 8 * 8; }
 
@@ -3438,7 +3447,7 @@ PANDIS__ONCE PANDIS_API pandis_error pandis_refit_open(
     for (int32_t leaf = 0; leaf < m->leaf_count; leaf++)
         slacks[leaf][0] = m->leaves[leaf].slack, slacks[leaf][1] = m->leaves[leaf].share;
     *moving = *field;
-    moving->mapped = 0; /* the bytes belong to the field, which frees them */
+    moving->mapped = 0; /* the bytes belong to the original field, which frees them */
     pandis__mesh *own = &moving->as.mesh;
     own->vertices = vertices, own->nodes = nodes, own->around = around,
     own->corners_at = corners_at;
@@ -3545,8 +3554,8 @@ static void pandis__enter(const pandis_object *o, const double *point, double *p
             o->scale;
 }
 
-/* Query a point in the mesh's coordinates, and add its penalty force: none outside, or without an
- * answer. */
+/* Query a point in the mesh's coordinates, and add its penalty force. There is none outside, or if
+ * there is no answer. */
 static void pandis__add_force(
     const pandis_object *o, const double *p, pandis_answer *answer, double *force) {
     pandis_query(o->field, p, answer);
@@ -3569,7 +3578,7 @@ PANDIS_API pandis_flag pandis_object_force(
     return answer.flag;
 }
 
-/* Whether a matrix is a rotation within 1e-6, and a translation finite. */
+/* Whether a matrix is a rotation to within 1e-6, and a translation at most 1e100. */
 static int pandis__places(const double *rotation, const double *translation) {
     double most = 0, across[3];
     for (int i = 0; i < 3; i++) {
@@ -3591,8 +3600,8 @@ static int pandis__lies(const pandis_object *o) {
         o->stiffness <= PANDIS__STIFFEST;
 }
 
-/* A scene keeps two balls per object in which it cannot be touched: one for penalty forces, one for
- * contacts, whose proxies may be elsewhere. Centres and squared radii are stored in blocks,
+/* A scene keeps two balls per object in which the object cannot be touched: one for penalty forces,
+ * one for contacts, whose proxies may be elsewhere. Centres and squared radii are stored in blocks,
  * coordinate by coordinate. */
 enum { PANDIS__OF_FORCES, PANDIS__OF_CONTACTS };
 
@@ -3619,13 +3628,13 @@ static double pandis__clearance(const pandis_field *f, const double *u) {
     return sqrt(pandis__dot(off, off)) - f->margin[0];
 }
 
-/* The worse of two flags, in this order: no answer, an estimate, a search cut short. */
+/* The worse of two flags, worst first: no answer, an estimate, a search that was cut short. */
 static pandis_flag pandis__worse(pandis_flag one, pandis_flag other) {
     static const int rank[] = {0, 2, 3, 1, 0}; /* by flag */
     return rank[one] > rank[other] ? one : other;
 }
 
-/* Query an object if it may be touched at a point; keep the ball where it cannot be. */
+/* Query an object if it may be touched at a point, and keep the ball in which it cannot be. */
 static pandis_flag pandis__visit(
     pandis__scene *scene, size_t index, const double *point, double *force) {
     const pandis_object *o = scene->objects + index;
@@ -3759,8 +3768,8 @@ static void pandis__turn_by(const double *p, const double *q, double *both) {
     both[3] = p[0] * q[3] + p[1] * q[2] - p[2] * q[1] + p[3] * q[0];
 }
 
-/* Compute the rotation by a spin in `dt` seconds, at most half a turn, from a series for a
- * sixteenth of it: the sines of libraries differ in their last bits. */
+/* Compute the rotation by a spin in `dt` seconds, at most half a turn. A series gives a sixteenth
+ * of this rotation, because the sines of libraries differ in their last bits. */
 static void pandis__spun(const double *spin, double dt, double *q) {
     double half[3], whole[4];
     for (int k = 0; k < 3; k++) half[k] = spin[k] * dt / 32;
@@ -3914,7 +3923,7 @@ PANDIS_API double pandis_noise(
         double x = point[k] / b->length, t;
         if (!(fabs(x) < 1e9)) return gradient[0] = gradient[1] = gradient[2] = 0;
         low[k] = (int32_t)floor(x), t = x - floor(x);
-        /* two continuous derivatives */
+        /* this blend has two continuous derivatives */
         blend[k][1] = t * t * t * (10 + t * (6 * t - 15)), blend[k][0] = 1 - blend[k][1];
         change[k] = 30 * t * t * (1 - t) * (1 - t) / b->length;
         gradient[k] = 0;
@@ -3956,8 +3965,8 @@ static double pandis__height(const pandis__plane *p, const double *x) {
 }
 
 /* Find the point on two or three planes that is nearest to a goal, if it is also the nearest one in
- * front of them: each plane must push. Returns 0 if one does not, or if they are nearly parallel.
- */
+ * front of them, that is, if each plane pushes. Returns 0 if a plane does not push, or if the
+ * planes are nearly parallel. */
 static int pandis__onto(const pandis__plane *planes, const int *which, int count,
     const double *under, const double *goal, double *y) {
     const double *a = planes[which[0]].normal, *b = planes[which[1]].normal;
@@ -3988,8 +3997,9 @@ static int pandis__onto(const pandis__plane *planes, const int *which, int count
     return 1;
 }
 
-/* Whether a set of planes determines the point: the goal is behind one of them, and the point is in
- * front of all others. Returns a bit for each, or 0. */
+/* Find the point nearest to a goal on one to three planes. It counts if the goal is behind one of
+ * these planes, and the point in front of all other planes. Returns a bit mask of these planes,
+ * or 0 if the point does not count. */
 static int pandis__gives(const pandis__plane *planes, int count, const int *which, int size,
     const double *under, int behind, const double *goal, double *y) {
     int set = 0;
@@ -4036,19 +4046,19 @@ static int pandis__nearest_in_front(
  *
  * Everything is in the object's unit frame. The proxy is a point; a probe of radius r offsets the
  * surface by r. The known free space is a ball around a point a little above the proxy, as large as
- * the distance there. The proxy goes from ball to ball. Each overlaps the one before, so no surface
- * is on its path. The surface is represented by planes, each through the foot of a point that was
- * looked at. */
+ * the distance there. The proxy goes from ball to ball. Each ball overlaps the one before, so no
+ * surface is on the proxy's path. The surface is represented by planes. Each goes through the
+ * foot of a point that was looked at. */
 
 #define PANDIS__HOVER 0.004 /* height from which the surface is looked at */
 #define PANDIS__FARTHEST 2  /* largest distance from which a place is looked at, in lifts */
-/* distance of the foot from which a plane is forgotten, in lifts */
+/* a plane is forgotten if its foot is farther away than this, in lifts */
 #define PANDIS__STALE 4
 /* cosine of the angle below which two planes count as nearly equal */
 #define PANDIS__ALIKE 0.99
 /* a surface no farther behind a plane than this counts as in front of it */
 #define PANDIS__BEHIND 1e-8
-#define PANDIS__TRUSTED 0.8      /* free share of an approximate distance to the felt surface */
+#define PANDIS__TRUSTED 0.8      /* free share of an approximate distance to the surface as felt */
 #define PANDIS__LEAST_SHARE 0.25 /* likewise, of a distance that is flagged as a bound */
 #define PANDIS__GUESSED 0.05     /* assumed excess of a distance if the file does not state it */
 
@@ -4058,20 +4068,20 @@ enum { PANDIS__BEGINS, PANDIS__CLEAR, PANDIS__TOUCHES };
 typedef struct {
     pandis__contact *state;
     const pandis_field *field;
-    /* offset of the walls from the surface; less where the probe began nearer */
+    /* offset of the walls from the surface; less if the probe began nearer than that */
     double radius;
     double tolerance; /* for comparing planes */
     double blur;      /* a surface this near, or this little behind a plane, is ignored */
     int exact;        /* the field's distances are exact, not approximate */
-    int flat;         /* and that surface is the one felt */
+    int flat;         /* exact, and no texture changes the surface */
     int queries, count;
     pandis_flag flag;
     pandis__plane plane[PANDIS__PLANES];
     double *x, *ball;
 } pandis__proxy;
 
-/* Result of a look at a point: distance, radius of the free ball around it and of the one that can
- * be entered without a look, foot and normal of the surface. */
+/* Result of a look at a point: the distance, the radius of the free ball around the point and of
+ * the ball that can be entered without a look, and the normal and foot of the surface. */
 typedef struct {
     double at[3], distance, free, sure, normal[3], foot[3];
     int32_t face, region;
@@ -4164,10 +4174,11 @@ static void pandis__drop(pandis__proxy *p, int index) {
     p->count--;
 }
 
-/* Forget planes that the last look shows not to be the surface here: those from which the surface
- * bends away (the new foot is behind them or, where the planes meet, not in front of them; from
- * inside, this may hold in any corner), those that pass through a free place, and those seen from
- * too far away. */
+/* Forget planes that the last look shows not to be the surface here. The surface bends away from a
+ * plane if the new foot is behind it or, where both planes are nearly parallel, not in front of it;
+ * a look from inside does not count, since from there this may hold in any corner. Planes through a
+ * free place, planes with the same normal as the new one, and planes whose foot is too far away are
+ * forgotten, too. */
 static void pandis__forget(
     pandis__proxy *p, const pandis__plane *seen, int inside, const double *place, double height) {
     double stale = PANDIS__STALE * PANDIS__HOVER;
@@ -4187,15 +4198,15 @@ static void pandis__forget(
     }
 }
 
-/* Add the plane of a look as the last one. The proxy would be at `place`, at least `height` above
- * the surface. */
+/* Add the plane of a look as the last one. If the proxy were at `place`, it would be at least
+ * `height` above the surface. */
 static void pandis__learn(
     pandis__proxy *p, const pandis__look *look, const double *place, double height) {
     pandis__plane seen;
     memcpy(seen.normal, look->normal, sizeof seen.normal);
     memcpy(seen.foot, look->foot, sizeof seen.foot);
     seen.offset = pandis__dot(seen.normal, seen.foot);
-    /* of two that face each other without a gap, the nearer is a fold */
+    /* of two planes that face each other without a gap, the nearer one is a fold */
     for (int i = p->count - 1; i >= 0; i--) {
         double gap = pandis__height(p->plane + i, seen.foot);
         if (pandis__dot(p->plane[i].normal, seen.normal) > -PANDIS__ALIKE || fabs(gap) > p->blur)
@@ -4207,7 +4218,7 @@ static void pandis__learn(
     if (p->count == PANDIS__PLANES) pandis__drop(p, 0);
     p->plane[p->count++] = seen;
     p->state->face = look->face;
-    /* else it is queried once a step */
+    /* else the region is queried once per step */
     if (p->field->regions || !p->state->options.regions) p->state->region = look->region;
 }
 
@@ -4216,10 +4227,10 @@ static double pandis__between(const double *a, const double *b) {
     return sqrt(pandis__dot(off, off));
 }
 
-/* Find the point from which to look whether the proxy can be at a place: the nearest one that is
- * `lift` above all planes, and twice that above planes unlike `nearest`, if it is not NULL. Where
- * planes meet at a sharp angle or face each other, no such point is near: there the lift is
- * reduced. */
+/* Find the point from which to check whether the proxy can be at a place: the nearest point that is
+ * `lift` above all planes. If `nearest` is not NULL, the point is twice as high above planes that
+ * are unlike it. Where planes meet at a sharp angle or face each other, no such point is near, so
+ * the lift is reduced. */
 static void pandis__lifted(
     const pandis__proxy *p, const double *place, const double *nearest, double lift, double *at) {
     pandis__plane raised[PANDIS__PLANES];
@@ -4258,7 +4269,7 @@ static void pandis__take_ball(pandis__proxy *p, const pandis__look *look) {
 #define PANDIS__SMALL 1e-13 /* shorter motions count as 0 (unit frame) */
 #define PANDIS__ABOVE 4e-6  /* largest height of the proxy above a plane that it touches */
 #define PANDIS__GAP 5e-4    /* largest gap between ball and proxy in an edge or a corner */
-#define PANDIS__ASIDE 1e-3  /* lifts: sideways offset of a second look */
+#define PANDIS__ASIDE 1e-3  /* sideways offset of a second look, in lifts */
 #define PANDIS__SLIVER 2e-4 /* length of a path that need not be known to be free */
 
 /* Whether a look shows a wall that is nearer than all known planes. */
@@ -4269,8 +4280,9 @@ static int pandis__unknown(const pandis__proxy *p, const pandis__look *look) {
 }
 
 /* Rebuild the chain of balls from the proxy upwards. Each ball overlaps the one below it, and the
- * lowest reaches the proxy to within a sliver. The chain ends at the lift, or where a ball would
- * miss the proxy in an edge by too much. 0: no answer; 2: an unknown wall was met. */
+ * lowest reaches the proxy to within a sliver. The chain ends at the lift, or where, in an
+ * edge, a ball would miss the proxy by too much. Returns 0 if there was no answer, 2 if an unknown
+ * wall was met, else 1. */
 static int pandis__climb(pandis__proxy *p) {
     pandis__contact *c = p->state;
     double at[3], lift = fmin(PANDIS__SLIVER / PANDIS__FARTHEST, c->lift), reached = 0;
@@ -4340,7 +4352,7 @@ typedef struct {
     int stuck;   /* no further motion was found */
     int turned;  /* number of times that another wall was in the way */
     int refused; /* number of times that a step would have led away from the probe */
-    /* number of balls that did not join the last one, and that did not reach the proxy's place */
+    /* number of balls that did not join the last one, and of balls that did not reach the target */
     int lost, narrow;
     /* whether the chain of balls was rebuilt; number of further looks at distant planes */
     int climbed, confirmed;
@@ -4357,8 +4369,8 @@ static void pandis__arrive(pandis__proxy *p, pandis__way *way, const double *pla
     memcpy(p->x, place, 3 * sizeof *place);
 }
 
-/* Move towards a place beyond the known free space: to the rim of the ball, from where the next
- * look is taken. */
+/* Move towards a target beyond the known free space: look from the rim of the ball, and move from
+ * there as far as the new ball reaches. */
 static int pandis__go_on(
     pandis__proxy *p, pandis__way *way, const double *at, const double *target) {
     pandis__look look;
@@ -4388,8 +4400,8 @@ static int pandis__go_on(
     return 1;
 }
 
-/* Start over from the surface at the proxy, which is moved out if it has sunk in by less than a
- * sliver. 0: no answer. */
+/* Start over with the surface at the proxy. If the proxy has sunk in by less than a sliver, move it
+ * out. 0: no answer. */
 static int pandis__emerge(pandis__proxy *p) {
     pandis__look look;
     if (!pandis__look_at(p, p->x, &look)) return 0;
@@ -4401,8 +4413,8 @@ static int pandis__emerge(pandis__proxy *p) {
 }
 
 /* Look from above the target, and take the free ball there if it joins the last one. Returns 0 if
- * there was no answer, 1 if the hop ends here, 2 if it goes on; `height` is then a lower bound of
- * the target's. */
+ * there was no answer, 1 if the hop ends here, 2 if it goes on. In the last case `height` becomes a
+ * lower bound of the target's height. */
 static int pandis__hop_over(
     pandis__proxy *p, pandis__way *way, const double *target, pandis__look *look, double *height) {
     pandis__contact *c = p->state;
@@ -4411,9 +4423,9 @@ static int pandis__hop_over(
     if (!pandis__look_at(p, at, look)) return 0;
     int joined =
         look->free > 0 && pandis__between(at, p->ball) <= (p->ball[3] + look->free) * (1 + 1e-9);
-    /* an unknown wall, or one forgotten since */
+    /* the look shows an unknown wall, or one that was forgotten */
     if (!joined && way->active && (!p->flat || pandis__unknown(p, look)) && way->lost++ < 2) {
-        /* the ball must be in front of the foot: else that is a wall's other side */
+        /* the ball must be in front of the foot; else the foot is on a wall's other side */
         double before = 0;
         for (int k = 0; k < 3; k++) before += (p->ball[k] - look->foot[k]) * look->normal[k];
         if (before < 0.5 * p->ball[3] && !pandis__look_at(p, p->x, look)) return 0;
@@ -4430,7 +4442,7 @@ static int pandis__hop_over(
         way->shrink *= 0.3, c->lift = fmax(0.7 * c->lift, PANDIS__HOVER / 64);
     if (!joined) return way->active && way->shrink > 1e-3 ? 1 : pandis__go_on(p, way, at, target);
     double gap = pandis__between(target, at) - look->free;
-    /* another wall: look from lower, between them */
+    /* another wall is near: next time look from lower down, between the walls */
     if (gap > (p->flat ? PANDIS__GAP : look->free) && way->narrow++ < 6) {
         c->lift = fmax(c->lift * fmin(0.9, fmax(0.4, PANDIS__GAP / gap)), PANDIS__HOVER / 64);
         pandis__learn(p, look, p->x, 0);
@@ -4480,7 +4492,7 @@ static int pandis__hop(pandis__proxy *p, pandis__way *way, const double *probe, 
         height = near.distance;
         /* on the surface the normal may be an edge's or a fold's */
         if (fabs(height) > p->blur) look = near;
-        /* nothing new */
+        /* the look shows nothing new: NaN marks it as not to be learnt */
         if (height > (p->flat ? -p->blur : -PANDIS__SLIVER)) look.at[0] = (double)NAN;
     }
     if (closely && height < PANDIS__HOVER) {
@@ -4509,8 +4521,8 @@ static int pandis__hop(pandis__proxy *p, pandis__way *way, const double *probe, 
 }
 /* -------------------- how a proxy follows the probe */
 
-/* Distance that friction and drag let the proxy move to a place `step` away, if it is pressed in by
- * `press`. */
+/* Distance by which friction and drag let the proxy move towards a place `step` away, if the proxy
+ * is pressed in by `press`. */
 static double pandis__rubbed(pandis__contact *c, pandis__way *way, double step, double press) {
     double friction = (c->sticks ? way->sticking : way->sliding) * press;
     if (way->slip < 0) { /* the first call in this step */
@@ -4523,8 +4535,8 @@ static double pandis__rubbed(pandis__contact *c, pandis__way *way, double step, 
     return fmin(fmax(0, step - friction), way->slip);
 }
 
-/* Find the next target: the point in front of all planes that is nearest to the probe, as far as
- * friction lets the proxy go. Returns its distance. */
+/* Find the next target on the way to the point in front of all planes that is nearest to the probe:
+ * as far along as friction lets the proxy go. Returns the target's distance from the proxy. */
 static double pandis__aim(pandis__proxy *p, pandis__way *way, const double *probe, double *target) {
     way->active = pandis__nearest_in_front(p->plane, p->count, probe, way->goal);
     double wanted = pandis__between(way->goal, p->x), step = wanted;
@@ -4565,8 +4577,9 @@ static double pandis__aim(pandis__proxy *p, pandis__way *way, const double *prob
     return step;
 }
 
-/* Move the proxy in front of the planes that it is behind by at most a sliver. Planes that it is
- * farther behind are dropped: the proxy is free, so they are beyond an edge. */
+/* If the proxy is behind planes by at most a sliver, move it in front of them. Planes that it is
+ * farther behind are dropped: the proxy is in free space, so these planes must be beyond an edge.
+ */
 static void pandis__come_out(pandis__proxy *p) {
     double place[3], behind = 0;
     for (int i = p->count - 1; i >= 0; i--) {
@@ -4580,16 +4593,16 @@ static void pandis__come_out(pandis__proxy *p) {
         memcpy(p->x, place, sizeof place);
 }
 
-/* Look again at a plane, from where it is nearer than the other planes that hold the proxy. Returns
- * whether it changed, -1 if there was no answer. `height` becomes a lower bound of the proxy's
- * height, if there is one. */
+/* Look again at a plane, from a point that is nearer to it than to the other planes that hold the
+ * proxy. Returns whether the plane changed, or -1 if there was no answer. `height` becomes a lower
+ * bound of the proxy's height above the surface, or 0 if none is known. */
 static int pandis__look_again(
     pandis__proxy *p, const pandis__plane *plane, double lift, double *height) {
     const pandis__plane held = *plane;
     pandis__look look;
     double at[3], cross[3];
     pandis__lifted(p, p->x, held.normal, lift, at);
-    /* a little aside: on a ridge between faces every plane through it would confirm itself */
+    /* a little aside: right above a ridge, every plane through the ridge would confirm itself */
     if (p->field->kind != PANDIS_SHAPE && p->flat)
         for (int k = 0; k < 3; k++)
             at[k] += PANDIS__ASIDE * lift * (held.normal[(k + 1) % 3] - held.normal[(k + 2) % 3]);
@@ -4602,9 +4615,10 @@ static int pandis__look_again(
     return pandis__dot(cross, cross) > 1e-18 || *height > p->tolerance;
 }
 
-/* Look again at planes that hold the proxy. If it rests, look at all of them: on a curved surface
- * an old one may no longer apply. Also check whether it has sunk into an unknown wall. If it moves,
- * look only at those seen from far. Returns how many changed, -1 if there was no answer. */
+/* Look again at planes that hold the proxy. If the proxy rests, look at all of them, since on a
+ * curved surface an old plane may no longer apply, and check whether the proxy has sunk into an
+ * unknown wall. If it moves, look only at planes whose foot is distant. Returns how many planes
+ * changed, or -1 if there was no answer. */
 static int pandis__confirm(pandis__proxy *p, const pandis__way *way, int rests) {
     pandis__plane held[PANDIS__PLANES];
     double height = -1, most = -1;
@@ -4636,7 +4650,7 @@ static int pandis__confirm(pandis__proxy *p, const pandis__way *way, int rests) 
 static int pandis__follow(pandis__proxy *p, pandis__way *way, const double *probe) {
     pandis__contact *c = p->state;
     double target[3];
-    /* known to be free, whatever the planes indicate */
+    /* the probe is in known free space, whatever the planes indicate */
     if (pandis__between(probe, p->ball) < p->ball[4]) {
         memcpy(p->x, probe, 3 * sizeof *probe);
         return 1;
@@ -4659,7 +4673,7 @@ static int pandis__follow(pandis__proxy *p, pandis__way *way, const double *prob
             c->settled = changed ? c->settled + 1 : 9;
             continue;
         }
-        /* length of a hop, even in a groove */
+        /* a hop can be this long, even in a groove */
         double small = fmin(PANDIS__HOVER / 8, 1.9 * p->ball[3]);
         if (p->queries >= c->options.budget ||
             (way->active && p->queries >= soon && step < small)) {
@@ -4684,15 +4698,15 @@ static int pandis__follow(pandis__proxy *p, pandis__way *way, const double *prob
  *
  * Where an approximate surface is rounded, in grooves and corners, planes that were seen from
  * different places contradict each other, and no hop leads nearer to the probe. A walk uses none of
- * them. Each of its steps goes straight towards the probe, and out of the surface again along
- * planes that are determined for this step only. */
+ * these planes. Each of its steps goes straight towards the probe, and then out of the surface
+ * along planes that are determined for this step only. */
 
 #define PANDIS__PACE 4.8e-3 /* a walk's longest step; its first is an eighth of that */
 /* the longest step around an edge that the proxy may take in part, straight on */
 #define PANDIS__CHORD 1.6e-3
 /* at an edge the cosine between the normals at both ends of a step is less */
 #define PANDIS__FLAT 0.98
-/* a walk ends below this share of the longest step: each failed step halves the next */
+/* a walk ends when its steps are below this share of the longest; each failure halves the step */
 #define PANDIS__TIRED (1 / 1024.0)
 /* a walk begins at this count: contact steps without progress add 2, others subtract 1 */
 #define PANDIS__IDLE 16
@@ -4700,7 +4714,7 @@ static int pandis__follow(pandis__proxy *p, pandis__way *way, const double *prob
 #define PANDIS__GAIN 0.25
 /* or, on exact surfaces, less than this, or does not come nearer to the probe */
 #define PANDIS__GAIN_EXACT 1e-9
-/* or, while the probe rests, goes less than this share of its way */
+/* or, while the probe rests, moves the proxy by less than this share of what is allowed */
 #define PANDIS__CREEP 0.01
 #define PANDIS__NEAR (PANDIS__GAP / 2) /* lift from which a ball reaches the proxy */
 #define PANDIS__AGAIN 64               /* contact steps after which a resting proxy tries again, */
@@ -4714,7 +4728,7 @@ static int pandis__follow(pandis__proxy *p, pandis__way *way, const double *prob
 /* Find the free place nearest to a goal, at most `reach` away. Returns 1 if it is in `look`, 0 if
  * none was found, -1 if there was no answer. `slope` is the rate at which the distance grows along
  * the normal: less than 1 in a rounded corner, and perhaps negative in a cell of a trilinear field.
- * A place farther outside than necessary is improved once. */
+ * If the place found is farther outside than necessary, one more query tries to improve it. */
 PANDIS__ONCE static int pandis__free_place(
     pandis__proxy *p, const double *goal, double reach, double *slope, pandis__look *look) {
     double at[3] = {goal[0], goal[1], goal[2]}, last[3] = {0}, before = 0;
@@ -4728,7 +4742,7 @@ PANDIS__ONCE static int pandis__free_place(
         if (look->distance >= -sunk &&
             (over || !p->count || look->distance <= *slope * 0.02 * reach))
             return 1;
-        if (over) { /* too near: use the previous place */
+        if (over) { /* not free: use the previous place */
             *look = high;
             return 1;
         }
@@ -4755,9 +4769,9 @@ PANDIS__ONCE static int pandis__free_place(
 }
 
 /* Take a free ball above a place, at the lift over the planes that hold the proxy there. Returns 1
- * if the ball joins the last one or holds the proxy, and reaches the place (if `reaches`); else 0;
- * -1: no answer. It must join because an exact object may be thinner than a step, so the path to a
- * free place need not be free. */
+ * if the ball joins the last one or contains the proxy, and (with `reaches`) reaches the place;
+ * else 0; -1: no answer. The balls must join, because an exact object may be thinner than a step:
+ * the path to a free place need not be free. */
 static int pandis__covers(pandis__proxy *p, const double *place, int reaches) {
     pandis__look look;
     double at[3];
@@ -4773,8 +4787,8 @@ static int pandis__covers(pandis__proxy *p, const double *place, int reaches) {
 }
 
 /* Take a free ball that reaches the proxy, whether or not it joins the last one: at the lift or, if
- * there is none, nearer to the proxy and in front of all walls found. Returns 1, or 0 if none was
- * found, -1 if there was no answer. */
+ * none is found there, nearer to the proxy and in front of all walls found. Returns 1, or 0 if none
+ * was found, -1 if there was no answer. */
 PANDIS__ONCE static int pandis__stand(pandis__proxy *p) {
     pandis__contact *c = p->state;
     for (int turn = 0; turn < 4 && p->queries < c->options.budget; turn++) {
@@ -4816,8 +4830,8 @@ static int pandis__approaches(const pandis__stride *s) {
         s->nearer > 1e-3 * s->pace;
 }
 
-/* Whether a place lies behind the surface, whose normal was `side`, and has the opposite normal: it
- * is a thin wall's other side. */
+/* Whether a place lies behind the surface, whose normal was `side`, and has the opposite normal:
+ * then it is on the other side of a thin wall. */
 static int pandis__pierces(
     const pandis__proxy *p, const pandis__look *look, const double *side, double length) {
     double behind = 0;
@@ -4831,7 +4845,8 @@ static int pandis__rounds_edge(const pandis__stride *s, const double *side, cons
         pandis__dot(side, normal) < PANDIS__FLAT;
 }
 
-/* Give the last ball a height at which new balls join it. Returns what pandis__stand returns. */
+/* Set the lift so that new balls join the last one; if that ball does not reach the proxy, take one
+ * that does. Returns what pandis__stand returns. */
 static int pandis__lower(pandis__proxy *p) {
     pandis__contact *c = p->state;
     double far = pandis__between(p->ball, p->x), least = fmax(far / PANDIS__FARTHEST, PANDIS__NEAR);
@@ -4845,7 +4860,7 @@ static void pandis__take_step(pandis__proxy *p, const pandis__look *look, double
     for (int k = 0; k < 3; k++) p->x[k] += share * (look->at[k] - p->x[k]);
     c->settled = c->close = c->sticks = 0;
     if (p->exact) return;
-    /* after an empty ball on the surface, the next step looks from above */
+    /* an empty ball on the surface makes the next step look from above */
     pandis__take_ball(p, look);
     memcpy(p->ball, p->x, 3 * sizeof *p->ball);
     if (p->count || !(look->free > 0)) p->ball[3] = PANDIS__SMALL, p->ball[4] = -1;
@@ -4858,8 +4873,8 @@ PANDIS__ONCE static int pandis__walk_on(pandis__proxy *p, pandis__way *way, cons
     pandis__look look;
     pandis__stride s;
     double goal[3], slip = -1, clear = 0, slope = 1, side[3] = {0};
-    const int most = c->options.budget - 1; /* one query is left to the hops */
-    /* out of the surface first, if the proxy has sunk in */
+    const int most = c->options.budget - 1; /* one query is left for the hops */
+    /* the first step leads out of the surface, if the proxy has sunk in */
     int first = !p->exact, anew = 0, good = p->exact ? pandis__lower(p) : 1;
     if (good < 1) return good + 1;
     for (; c->pace > PANDIS__TIRED * PANDIS__PACE && p->queries + 2 <= most; first = 0) {
@@ -4890,7 +4905,7 @@ PANDIS__ONCE static int pandis__walk_on(pandis__proxy *p, pandis__way *way, cons
         int cuts = share < 1 && pandis__rounds_edge(&s, side, look.normal);
         if (good || first) memcpy(side, look.normal, sizeof side);
         if (!good || cuts) {
-            /* above the proxy and the place, balls over the same planes join */
+            /* balls above the proxy and above the place join if they are over the same planes */
             if (apart && p->queries < most) {
                 c->lift = PANDIS__NEAR, anew = 1;
                 if (pandis__stand(p) < 0) return 0;
@@ -4907,7 +4922,7 @@ PANDIS__ONCE static int pandis__walk_on(pandis__proxy *p, pandis__way *way, cons
         pandis__take_step(p, &look, share);
         if (first) continue;
         c->pace = fmin(1.5 * c->pace, PANDIS__PACE);
-        if (p->exact) c->idle = PANDIS__IDLE - 2; /* hops are faster, if they progress from here */
+        if (p->exact) c->idle = PANDIS__IDLE - 2; /* hops are faster, if they advance from here */
         if (share < 1) break;
     }
     return 1;
@@ -4923,30 +4938,31 @@ PANDIS__ONCE static int pandis__try_walk(
     return pandis__walk_on(p, way, probe);
 }
 
-/* Go back to a place that was nearer to the probe, if it lies outside. Planes that contradict each
- * other led away from it; without this check, the proxy could circle for ever. 0: no answer. */
+/* Go back to a place that was nearer to the probe, if it lies outside. Hops along planes that
+ * contradict each other led away from it; without the way back, the proxy could circle for ever.
+ * 0: no answer. */
 PANDIS__ONCE static int pandis__go_back(pandis__proxy *p, const double *place, const double *ball) {
     pandis__look look;
     if (!pandis__look_at(p, place, &look)) return 0;
-    /* the proxy was led out of the surface */
+    /* the old place is inside: the hops led the proxy out of the surface */
     if (look.distance < -fmax(PANDIS__SUNK, p->blur)) return 1;
     memcpy(p->x, place, 3 * sizeof *place);
     memcpy(p->ball, ball, 5 * sizeof *ball);
     p->count = 0;
     pandis__learn(p, &look, p->x, 0);
-    /* from nearer, planes of a round surface fit better */
+    /* planes that are seen from nearer fit a round surface better */
     p->state->lift = fmax(p->state->lift / 4, PANDIS__HOVER / 64);
     return 1;
 }
 
 /* Bring the proxy as near to the probe as it can: by hops, or by a walk if hops make no progress.
- * `moved`: the probe's motion. 0: no answer. */
+ * `moved`: how far the probe moved. 0: no answer. */
 static int pandis__come(pandis__proxy *p, pandis__way *way, const double *probe, double moved) {
     pandis__contact *c = p->state;
     const double creep = PANDIS__CREEP * way->travel,
                  least = p->exact ? PANDIS__GAIN_EXACT : PANDIS__GAIN * way->travel;
     if (c->idle < PANDIS__IDLE) c->rested = 1;
-    /* the short steps of a walk do not follow a probe that is faster than the proxy may move */
+    /* the short steps of a walk cannot keep up with a probe that is faster than the proxy may be */
     else if (moved < 0.5 * way->travel && !pandis__try_walk(p, way, probe, moved)) return 0;
     const double before[3] = {p->x[0], p->x[1], p->x[2]};
     double ball[5];
@@ -4969,8 +4985,8 @@ static int pandis__come(pandis__proxy *p, pandis__way *way, const double *probe,
 }
 /* -------------------- contact */
 
-/* Compute the force of spring and damping from the positions of probe and proxy; object's frame,
- * scene units. */
+/* Compute the force of the spring and of damping from the positions of the probe and the proxy, in
+ * the object's frame and in scene units. */
 static void pandis__pull(const pandis__contact *c, const pandis_object *o, const double *normal,
     double damping, double *force) {
     double per = o->scale / o->field->scale;
@@ -4978,7 +4994,7 @@ static void pandis__pull(const pandis__contact *c, const pandis_object *o, const
     double push = pandis__dot(force, normal),
            fast = -damping * pandis__dot(c->velocity, normal) * per;
     if (!(push > 0)) return;
-    /* at most the spring's force: damping starts at zero and never pulls */
+    /* damping is at most the spring's force, so that it starts at zero and never pulls */
     fast = fast > push ? push : fast < -push ? -push : fast;
     for (int k = 0; k < 3; k++) force[k] += fast * normal[k];
 }
@@ -5064,7 +5080,7 @@ PANDIS_API void pandis_contact_reshaped(pandis_contact *contact) {
     pandis__contact_of(contact)->ball[3] = -1;
 }
 
-/* Move the walls outward by `by`, at most to the probe, and the proxy to the probe. */
+/* Move the walls outward by `by`, but not beyond the probe, and move the proxy to the probe. */
 static void pandis__stand_at(pandis__proxy *p, const double *probe, pandis__look *look, double by) {
     p->state->sunk -= by, p->radius += by;
     look->distance -= by, look->free -= by, look->sure -= by;
@@ -5075,8 +5091,8 @@ static void pandis__stand_at(pandis__proxy *p, const double *probe, pandis__look
     pandis__learn(p, look, probe, look->distance);
 }
 
-/* Begin at the probe. If it is inside, the walls are moved in to its depth until it comes out, so
- * that it is neither kicked out nor let through. */
+/* Begin with the proxy at the probe. If the probe is inside, the walls are moved inward to its
+ * depth until it comes out, so that it is neither kicked out nor let through. */
 static int pandis__begin(pandis__proxy *p, const double *probe) {
     pandis__look look;
     if (!pandis__look_at(p, probe, &look) || (look.distance < 0 && p->flag != PANDIS_OK)) return 0;
@@ -5133,7 +5149,7 @@ static void pandis__recall(
     pandis__contact *c, const pandis_field *f, double radius, pandis__proxy *p) {
     p->state = c, p->field = f, p->radius = radius;
     p->tolerance = f->kind == PANDIS_NETWORK ? 1e-6 : 1e-11;
-    /* the lattice step; rounding may fold faces */
+    /* for a lattice, one step, because rounding may have folded faces */
     p->blur = f->kind == PANDIS_COMPACT ? f->as.compact.step : PANDIS__BEHIND;
     p->queries = 0, p->flag = PANDIS_OK;
     p->exact = f->kind == PANDIS_MESH || f->kind == PANDIS_COMPACT || f->kind == PANDIS_SHAPE;
@@ -5142,7 +5158,7 @@ static void pandis__recall(
     memcpy(p->plane, c->plane, (size_t)p->count * sizeof *p->plane);
 }
 
-/* Keep what the next step needs of the proxy. */
+/* Store the part of the proxy's state that the next step needs. */
 static void pandis__retain(
     pandis__contact *c, const pandis__proxy *p, int active, const double *probe) {
     c->planes = p->count < PANDIS__KEPT ? p->count : PANDIS__KEPT;
@@ -5155,8 +5171,8 @@ static void pandis__retain(
     c->settled = c->close = c->idle = 0;
 }
 
-/* Stretch the spring from the probe to the proxy, by at most a distance, and update the probe's
- * smoothed velocity. */
+/* Stretch the spring from the probe to the proxy, but change it by at most the distance `most`.
+ * Also update the probe's smoothed velocity. */
 static void pandis__stretch(pandis__contact *c, const double *probe, double most, double dt) {
     double pull[3], change = 0;
     for (int k = 0; k < 3; k++) {
@@ -5222,7 +5238,7 @@ PANDIS_API pandis_flag pandis_contact_step(pandis_contact *handle, const pandis_
     }
     if (!answered) return touch->flag = PANDIS_INVALID;
     pandis__retain(contact, &p, way.active, probe);
-    /* the spring changes by no more than probe and proxy may move */
+    /* the spring changes by no more than the probe and the proxy may move */
     pandis__stretch(contact, probe, 2 * moved + options->slide * dt * per, dt);
     pandis__tell_touch(&p, &way, object, material->damping, touch);
     return touch->flag;
@@ -5245,14 +5261,14 @@ PANDIS__ONCE PANDIS_API pandis_error pandis_scene_touch_open(pandis_scene *scene
     return error;
 }
 
-/* Move the proxy of a contact that was not stepped to the probe's last position: nothing was in its
- * way. */
+/* Before a contact is stepped again, move its proxy to the probe's last position: nothing was in
+ * the way while the contact was not stepped. */
 static void pandis__wake(const pandis__scene *scene, size_t index) {
     pandis__contact *c = pandis__contact_of(scene->contacts + index);
     double point[3], probe[3];
-    /* the proxy is behind */
+    /* the proxy is not at the probe */
     if (c->state != PANDIS__CLEAR || memcmp(c->proxy, c->probe, sizeof c->probe)) return;
-    pandis__enter(&c->object, scene->probe, point); /* at its pose in that step */
+    pandis__enter(&c->object, scene->probe, point); /* the object is at its pose in that step */
     if (!pandis__unit(c->object.field, point, probe)) return;
     memcpy(c->proxy, probe, sizeof probe), memcpy(c->probe, probe, sizeof probe);
 }
@@ -5359,8 +5375,8 @@ static const unsigned char *pandis__find(const pandis_field *f, const char *name
     return NULL;
 }
 
-/* Find a section by its name, if it contains `count` values of `each` bytes; sections have been
- * checked. */
+/* Find a section by its name, if it contains `count` values of `each` bytes. The table of sections
+ * must have been checked. */
 static const void *pandis__section(
     const pandis_field *f, const char *name, uint64_t count, uint64_t each) {
     uint64_t bytes;
@@ -5408,8 +5424,8 @@ static uint64_t pandis__cube(int32_t n) { return (uint64_t)n * (uint64_t)n * (ui
 /* Get the child of a node at one of its eight places; returns 0 if there is none. */
 typedef int (*pandis__child)(const void *nodes, int32_t node, int place, int32_t *child);
 
-/* Check a tree: nodes and leaves must be in the order in which a traversal visits them, each once,
- * and no deeper than the stack. Then no query can loop, or visit more leaves than there are. */
+/* Check a tree: a traversal must visit all nodes and leaves in their stored order, each once, and
+ * must go no deeper than the stack. Then no query can loop, or visit more leaves than there are. */
 static int pandis__walk(
     const void *tree, pandis__child child_of, int32_t node_count, int32_t leaf_count) {
     int32_t path[PANDIS__DEEPEST], nodes = 1, leaves = 0;
@@ -5454,7 +5470,7 @@ PANDIS__ONCE static int pandis__open_mesh(pandis_field *f) {
     m->node_count = pandis__whole(f, 2), m->leaf_count = pandis__whole(f, 3);
     m->reach = pandis__real(f, 0);
     int32_t most = pandis__whole(f, 4);
-    if (most < 0 || (most > 0 && most < 9)) return 0; /* at least a leaf and all of its faces */
+    if (most < 0 || (most > 0 && most < 9)) return 0; /* enough for a leaf and all its faces */
     m->most = most ? most : INT32_MAX;
     if (m->vertex_count < 3 || m->face_count < 1 || m->node_count < 1 || m->leaf_count < 1)
         return 0;
@@ -5537,7 +5553,7 @@ PANDIS__ONCE static int pandis__open_compact(pandis_field *f) {
     if (t->block_count > INT32_MAX / PANDIS__BLOCK - 1 || !(t->reach >= 0 && t->reach <= 1))
         return 0;
     int32_t most = pandis__whole(f, 4);
-    if (most < 0 || (most > 0 && most < 9)) return 0; /* at least a block and all of its groups */
+    if (most < 0 || (most > 0 && most < 9)) return 0; /* enough for a block and all its groups */
     t->most = most ? most : INT32_MAX;
     t->step = 2 * PANDIS__HALF / ((1 << t->bits) - 1);
     uint64_t size = (uint64_t)(uint32_t)pandis__whole(f, 3);
@@ -5679,11 +5695,12 @@ PANDIS__ONCE static int pandis__open_shape(pandis_field *f) {
     return s->shape >= 0 && s->shape <= PANDIS__CAPSULE;
 }
 
-/* Read the box around the surface, two measured margins and a height. A probe farther outside the
- * box than the first margin touches nothing, nor does one before it has moved by the distance less
- * a margin: the second if the answer is flagged as a bound, else the first. Where an answer in the
- * box is flagged so and positive, no surface is nearer than the height. Without the section,
- * nothing is known. */
+/* Read the box around the surface, two measured margins and a height. A probe that is farther
+ * outside this box than the first margin touches nothing. At a point whose distance is known, a
+ * probe touches nothing before it has moved by that distance less a margin: the second margin if
+ * the answer is flagged as a bound, else the first. Where an answer in the unit box is positive and
+ * flagged as a bound, no surface is nearer than the height. Without the section, nothing is known.
+ */
 PANDIS__ONCE static int pandis__measure(pandis_field *f) {
     const unsigned char *bounds =
         (const unsigned char *)pandis__section(f, "SAFE", 9, sizeof(double));
@@ -5750,7 +5767,7 @@ PANDIS__ONCE static pandis_error pandis__open(pandis_field *field, const void *d
     for (int k = 0; k < 3; k++)
         if (!(fabs(field->centre[k]) <= 1e150)) return PANDIS_ERROR_CONTENT;
     int good = 0, kind = (int)pandis__u32(p + 32);
-    /* their leaves are of another kind */
+    /* leaves of meshes before version 4 have another format */
     if (kind == PANDIS_MESH && pandis__u32(p + 12) < 4) return PANDIS_ERROR_VERSION;
     if (kind == PANDIS_NETWORK && pandis__whole(field, 0) <= 1024 &&
         pandis__whole(field, 1) <= 16 &&
@@ -5863,38 +5880,41 @@ PANDIS__ONCE PANDIS_API const char *pandis_error_text(pandis_error error) {
     switch (error) {
     case PANDIS_SUCCESS: return "no error";
     case PANDIS_ERROR_FILE: return "the file cannot be read";
-    case PANDIS_ERROR_FORMAT: return "this is no .pandis file";
-    case PANDIS_ERROR_ENDIAN: return "the file's bytes are in another order than this machine's";
+    case PANDIS_ERROR_FORMAT: return "this is not a .pandis file";
+    case PANDIS_ERROR_ENDIAN: return "the byte order of the file differs from this machine's";
     case PANDIS_ERROR_VERSION:
-        return "the file is of another version: use the pandis.h that came with it";
-    case PANDIS_ERROR_SIZE: return "the file is shorter or longer than it says: copy it again";
+        return "the file and this pandis.h differ in version: use the pandis.h that came with the "
+               "file";
+    case PANDIS_ERROR_SIZE:
+        return "the file is shorter or longer than its header states: copy it again";
     case PANDIS_ERROR_CHECKSUM: return "the file is damaged: copy it again";
     case PANDIS_ERROR_CONTENT:
-        return "what the file says does not fit together, or no field of this kind can do that";
+        return "the contents of the file are inconsistent, or this kind of field does not support "
+               "the operation";
     case PANDIS_ERROR_ALIGNMENT:
         return "the bytes must begin at an address that is a multiple of 8";
     case PANDIS_ERROR_ARITHMETIC:
         return "pandis.h was compiled with flags, or called in a rounding mode, that break its "
-               "arithmetic: leave out -ffast-math and its parts";
+               "arithmetic: compile without -ffast-math and the options that it implies";
     case PANDIS_ERROR_LARGE:
         return "the network is wider or deeper than pandis.h was compiled for: see "
                "PANDIS_MOST_WIDTH";
     case PANDIS_ERROR_RADIUS:
-        return "the probe is larger than the field knows free space around its surface: take a "
+        return "the probe is larger than the known free space around the field's surface: use a "
                "smaller radius";
     case PANDIS_ERROR_KIND:
-        return "a grid of forces knows no distance outside, so it has no contact";
-    case PANDIS_ERROR_VERTEX: return "a vertex is no finite number, or too far away";
+        return "a grid of forces has no distances outside the object, so it cannot have a contact";
+    case PANDIS_ERROR_VERTEX: return "a vertex is not finite, or is too far away";
     case PANDIS_ERROR_POSE:
-        return "an object has no field, or no rotation, scale, place or stiffness that can be";
+        return "an object has no field, or its rotation, scale, place or stiffness is invalid";
     case PANDIS_ERROR_OPTIONS:
-        return "an option of a contact is beyond its range (budget from 8 on, slide and radius "
-               "from 0 on, a texture's steepest at most 15, sliding friction at most the sticking "
-               "one, nothing negative)";
-    case PANDIS_ERROR_COUNT: return "an array is shorter or longer than this takes";
+        return "an option of a contact is beyond its range (budget at least 8, slide and radius at "
+               "least 0, a texture's steepest at most 15, sliding friction at most the sticking "
+               "friction, nothing negative)";
+    case PANDIS_ERROR_COUNT: return "an array is shorter or longer than required";
     case PANDIS_ERROR_HEADER:
-        return "pandis.h is of another version, or packed otherwise, than what was compiled: "
-               "compile both with one header";
+        return "pandis.h and the compiled implementation differ in version or in the packing of "
+               "structures: compile both with the same header";
     default: return "unknown error";
     }
 }

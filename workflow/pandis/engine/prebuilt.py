@@ -23,11 +23,11 @@ LIBRARIES = {
 }
 #: Libraries that need another project's headers: built only where those headers are found.
 FOREIGN = {"pandis-mujoco"}
-#: Oldest supported processor of each architecture, by the compiler's name. Hot loops are also
-#: compiled for AVX2 and selected at run time. Results are the same to the last bit.
+#: For each architecture, the compiler's name of the oldest supported processor. Hot loops are also
+#: compiled for AVX2, and selected at run time. Results are the same to the last bit.
 KINDS = {"x86_64": "x86-64", "aarch64": "armv8-a"}
-#: Omit unwind tables: C code throws nothing, and libraries get a twentieth smaller. Unroll only
-#: short loops: another seventh smaller, and no slower.
+#: Omit unwind tables, because C code throws no exceptions: libraries get a twentieth smaller.
+#: Unroll only short loops: libraries get another seventh smaller, and no slower.
 SMALLER = ("-fno-asynchronous-unwind-tables", "-fno-unwind-tables", "-fno-align-functions",
            "-fno-align-loops", "-fno-align-jumps", "-fno-plt",
            "--param=max-completely-peeled-insns=80", "-Wl,-z,noseparate-code",

@@ -11,7 +11,7 @@ _PIECES = 8
 
 
 def thread_count():
-    """Return the number of threads for native code: the stage's, else one per core."""
+    """Return the number of threads for native code: as set by the stage, else one per core."""
     variable = os.environ.get("IGL_NUM_THREADS", "")
     return (
         int(variable) if variable.isdigit() and int(variable) > 0 else len(os.sched_getaffinity(0))

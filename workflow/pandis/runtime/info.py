@@ -131,7 +131,7 @@ def _maker(provenance):
     mesh, code = _text_in(provenance, "wildcards", "mesh"), _text_in(provenance, "code", "digest")
     parts = [f"field {field}" if field else "", f"of mesh {mesh}" if mesh else "",
              f"by code {code[:12]}" if code else ""]  # fmt: skip
-    return " ".join(filter(None, parts)) or "a file whose provenance names no stage"
+    return " ".join(filter(None, parts)) or "unknown: the provenance names no stage"
 
 
 def _text_in(provenance, part, name):

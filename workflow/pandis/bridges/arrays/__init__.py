@@ -1,7 +1,7 @@
 """Splines and networks as differentiable functions for PyTorch and JAX.
 
-Both share the same arithmetic: `xp` is either of the two modules, and only functions with the same
-name in both are called on it. Neither is imported before it is needed.
+PyTorch and JAX share one implementation. In it, `xp` is either ``torch`` or ``jax.numpy``, and only
+functions that have the same name in both are called. Neither is imported before it is needed.
 """
 
 from os import PathLike
@@ -29,7 +29,7 @@ class ArrayField:
         contents = read_contents(path)
         self.path, self.frame = contents.field.path, contents.field.frame
         if contents.field.kind not in _KINDS:
-            raise PandisError(f"{self.path}: only splines and networks are functions of arrays")
+            raise PandisError(f"{self.path}: only splines and networks can be evaluated on arrays")
         self._xp, self._put = xp, put
         self._answer, self._data = _KINDS[contents.field.kind](contents)
         self._placed: dict = {}
@@ -41,7 +41,7 @@ class ArrayField:
     def answer(self, points: Any) -> tuple[Any, Any]:
         """Return distances (n,) and normals (n, 3) at points (n, 3), as the C library does.
 
-        There are no flags: outside the box, and outside a spline's band, distances are estimates.
+        No flags are returned: distances outside the box, or outside a spline's band, are estimates.
         The normal of a network with one output is its gradient, which needs a second pass.
         """
         xp = self._xp
@@ -56,7 +56,7 @@ class ArrayField:
         away = xp.where(beyond > 0, xp.sqrt(xp.where(beyond > 0, beyond, 1.0)), 0.0)
         distance, direction = self._answer(xp, data, box, away, _grad(xp))
         length = xp.sqrt((direction * direction).sum(-1, keepdims=True))
-        up = self._put(np.array([0.0, 0.0, 1.0]), points)  # as in pandis.h, if none is defined
+        up = self._put(np.array([0.0, 0.0, 1.0]), points)  # as in pandis.h, if no normal is defined
         normal = xp.where(length > 0, direction / xp.where(length > 0, length, 1.0), up)
         return distance / self.frame.scale, normal
 

@@ -1,4 +1,4 @@
-"""Sine networks on arrays: parts/network.h for many points at once."""
+"""Sine networks on arrays: the arithmetic of parts/network.h, for many points at once."""
 
 import numpy as np
 

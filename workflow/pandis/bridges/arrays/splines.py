@@ -1,9 +1,9 @@
-"""Splines on arrays: parts/spline.h for many points at once."""
+"""Splines on arrays: the arithmetic of parts/spline.h, for many points at once."""
 
 import numpy as np
 
-#: As in parts/spline.h: how far above a crease a spline is evaluated (steps), and by how much the
-#: squared gradient must fall short of 1 for that.
+#: As in parts/spline.h: how far above a crease a spline is evaluated (steps), and how far below 1
+#: the squared gradient must be before a point counts as near a crease.
 _LIFT, _SHORT = 0.7, 0.02
 
 
@@ -62,7 +62,7 @@ def _answer(xp, data, box, away, _):
 
 
 def off_edge(xp, box):
-    """Move points slightly off the box's faces, which belong to its last cells."""
+    """Move points on the box's faces slightly inward, so that they are in its last cells."""
     edge = 1 - max(1e-12, 4 * float(xp.finfo(box.dtype).eps))
     return xp.clip(box, -edge, edge)
 
@@ -145,7 +145,7 @@ def _level(xp, data, name, p):
 
 
 def dense_sum(xp, data, name, p):
-    """Return values (n,) and gradients (n, 3) of a dense lattice, and which points are within."""
+    """Return values (n,) and gradients (n, 3) of a dense lattice, and which points are in it."""
     first, weights, slopes, within = _place(xp, data, name, p)
     size, parts = data[f"{name}_size"], []
     for i in range(4):

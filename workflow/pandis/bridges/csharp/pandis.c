@@ -1,8 +1,8 @@
-/* pandis.h behind handles, for languages that call C but do not include its headers: C# and others.
+/* pandis.h behind handles, for languages that can call C but cannot include headers, such as C#.
  *
- * Fields, and probes that are kept out of them, are pointers that the caller must close. All other
- * arguments are numbers and arrays of numbers. Any number of threads may use a field, one thread a
- * probe.
+ * Fields, and probes that are kept out of objects, are pointers that the caller must close. All
+ * other arguments are numbers, arrays of numbers and strings. Any number of threads may use a
+ * field, but only one thread may use a probe.
  */
 #define PANDIS_IMPLEMENTATION
 #include "../../engine/pandis.h"
@@ -47,10 +47,9 @@ SHARED void pandis_field_query(const pandis_field *field, const double *points, 
     pandis_query_many(field, points, (size_t)count, distances, normals, flags);
 }
 
-/* Open a probe of a radius (m) that is kept out of a field's object. A mesh point p is at scale *
- * rotation (9, by rows) * p
- * + translation; the stiffness is in N/m. Contact begins at the next position, which must be
- * outside. */
+/* Open a probe with a radius (m), which is kept out of a field's object. A mesh point p is at
+ * scale * rotation * p + translation; the rotation is 9 numbers, by rows. The stiffness is in N/m.
+ * Contact begins at the next position of the probe, which must be outside the object. */
 SHARED pandis_probe *pandis_probe_open(const pandis_field *field, const double *rotation,
     const double *translation, double scale, double stiffness, double radius, const char **error) {
     pandis_probe *probe = (pandis_probe *)calloc(1, sizeof *probe);

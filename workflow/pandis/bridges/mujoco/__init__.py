@@ -16,7 +16,7 @@ SOURCE = Path(__file__).with_name("plugin.c")
 NAME = "pandis.sdf"
 #: Supported releases of MuJoCo: memory layouts change between releases.
 VERSIONS = ("4.0.0", "4.0.1")
-#: Functions of MuJoCo that are passed to the plugin, in the order of its structure.
+#: Functions of MuJoCo that are passed to the plugin, in the order of its structure's members.
 _FUNCTIONS = ("mj_version", "mjp_defaultPlugin", "mjp_registerPlugin", "mj_getPluginConfig",
               "mju_warning")  # fmt: skip
 

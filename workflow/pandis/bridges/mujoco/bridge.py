@@ -22,7 +22,7 @@ from pandis.runtime.scene.poses import Poses
 
 #: Numbers per object: impulse and angular impulse.
 _SUMS = 6
-#: Trial acceleration (m/s²), a tenth of g: too small to move an object that rests.
+#: Trial acceleration (m/s²), a tenth of g: too small to move an object at rest.
 _PROBE = 0.1 * 9.81
 
 
@@ -39,7 +39,7 @@ class Bridge:
     radius : float
         Radius of the probe, m.
     materials : dict of str to Material, optional
-        Materials of geoms, by name; smooth and undamped otherwise.
+        Materials of geoms, by name; all other geoms are smooth and undamped.
     centre : array-like, shape (3,)
         World position, m, at the centre of the device's workspace.
 
@@ -147,9 +147,9 @@ class Bridge:
     def step(self) -> None:
         """Apply the hand's forces to the bodies, advance the simulation, and hand over the poses.
 
-        The forces are averaged since the last step. They are added to ``data.xfrc_applied`` during
-        the step only. Forces of the hand are dropped while the simulation is more than four steps
-        late.
+        The forces are averages over the time since the last step. They are added to
+        ``data.xfrc_applied`` only during the step. Forces of the hand are dropped while the
+        simulation is more than four steps late.
         """
         others = self.data.xfrc_applied.copy()
         self._now = self._reactions()

@@ -121,7 +121,7 @@ def _read(path):
 
 
 def _file(name, scene):
-    """Return the path of a scene's file: relative to the working directory or a parent folder."""
+    """Return the path of a file named in a scene, relative to the working or a parent folder."""
     above = scene.resolve().parents
     places = [Path(name), *(folder / name for folder in above)]
     return next((place for place in places if place.is_file()), Path(name))

@@ -1,10 +1,11 @@
 /* A field of a .pandis file as a signed distance field of MuJoCo: the plugin `pandis.sdf`.
  *
- * While MuJoCo compiles a model it passes only numbers; in a simulation it passes its data and an
- * instance. So files are opened once per process and stay open, and each has a number. Each thread
- * caches its last answers: MuJoCo queries distance and gradient of a point in succession, and then
- * points next to it. Each state caches the spline cells that it has queried: a step queries
- * thousands of points, most of them in a few hundred cells. */
+ * While MuJoCo compiles a model, it passes only numbers to the plugin; in a simulation it passes
+ * its data and the index of an instance. Therefore each file is opened once per process, stays open
+ * and has a number. Each thread caches its last answers, because MuJoCo queries distance and
+ * gradient of a point in succession, and then points next to it. Each state caches the spline cells
+ * that it has queried, because a step queries thousands of points, most of them in a few hundred
+ * cells. */
 #define PANDIS_API static inline
 #define PANDIS_IMPLEMENTATION
 #include "../../engine/pandis.h"
@@ -68,8 +69,7 @@ static const char *find_or_open(const char *path, opened **found) {
     if (error == PANDIS_ERROR_FILE)
         wrong = "it cannot be read (a relative path starts from the working directory)";
     if (!error && field->kind == PANDIS_GRID && field->as.grid.rule <= PANDIS__TRILINEAR)
-        wrong =
-            "it is a grid of forces, which knows no distance outside: use another kind of field";
+        wrong = "it is a grid of forces, which has no distances outside: use another kind of field";
     for (*found = wrong ? NULL : files; *found; *found = (*found)->next) {
         const pandis_field *other = &(*found)->field;
         if (other->size == field->size && !memcmp(other->data, field->data, field->size)) break;
@@ -133,7 +133,7 @@ static __thread struct {
     pandis_hint hint;
 } kept[KEPT];
 
-/* Answer a point of a file, in its units; with the normal if `whole`. */
+/* Return the answer at a point of a file, in the file's units; with the normal if `whole`. */
 static const pandis_answer *ask(placed *p, const double point[3], int whole) {
     const opened *file = p->file;
     const pandis_field *field = &file->field;
@@ -142,11 +142,11 @@ static const pandis_answer *ask(placed *p, const double point[3], int whole) {
     if (again && (kept[at].whole || !whole)) return &kept[at].answer;
     if (kept[at].file != file) memset(&kept[at], 0, sizeof kept[at]), kept[at].file = file;
     memcpy(kept[at].point, point, sizeof kept[at].point);
-    /* all other kinds compute both in the same time */
+    /* for all other kinds, the normal takes no extra time */
     kept[at].whole = whole || field->kind != PANDIS_NETWORK;
     if (kept[at].whole) {
-        /* MuJoCo queries a state from one thread; if it does not, the second thread goes without
-         * the cache */
+        /* MuJoCo queries a state from one thread; if two threads query it at once, the second one
+         * does not use the cache */
         pandis__cells *cells =
             p->cells && !__atomic_exchange_n(&p->asking, 1, __ATOMIC_ACQUIRE) ? p->cells : NULL;
         pandis__query_after(field, point, &kept[at].hint, cells, &kept[at].answer);
@@ -223,8 +223,8 @@ static const char *take_meshes(placed *p, const mjModel *m, int instance) {
     const double apart = gap(p, m, mesh);
     if (apart > 0.02)
         mujoco.warn(NAME ": mesh %s ends elsewhere than the field's surface (%.2g of the longest "
-                         "side apart), and MuJoCo misses contacts there: either its scale is "
-                         "another one, or it lacks thin parts and needs a file",
+                         "side apart), so MuJoCo misses contacts there. Either its scale is "
+                         "another one, or it lacks thin parts: name a mesh file for it",
             m->names + m->name_meshadr[mesh], apart);
     return NULL;
 }
@@ -246,7 +246,7 @@ static int init(const mjModel *m, mjData *d, int instance) {
     made->file = open_file(path, &wrong);
     made->scale = scale_of(mujoco.config(m, instance, attributes[SCALE]));
     if (!wrong)
-        wrong = made->scale ? take_meshes(made, m, instance) : "scale is no positive number";
+        wrong = made->scale ? take_meshes(made, m, instance) : "scale is not a positive number";
     if (wrong) {
         mujoco.warn(NAME ": %s: %s", path && *path ? path : "an instance", wrong);
         free(made);
@@ -357,7 +357,7 @@ __attribute__((constructor)) static void loaded(void) {
     if (!there.version || !there.defaults || !there.add || !there.config || !there.warn) return;
     if (!pandis_mujoco_register(&there)) {
         there.warn("%s",
-            NAME ": it supports only MuJoCo 4.0.0 and 4.0.1, and this is another version: not "
-                 "registered");
+            NAME ": it is not registered, because it supports only MuJoCo 4.0.0 and 4.0.1, and "
+                 "this is a different version");
     }
 }

@@ -1,6 +1,7 @@
 """Fields for Newton: files for its cache of cooked distances, made from ``.pandis`` fields.
 
-Newton looks for such a file before it bakes. The file's name is a hash of the mesh and the options.
+Newton looks for such a file before it bakes distances itself. The file's name is a hash of the mesh
+and the options.
 Cooking needs only NumPy: neither Newton nor a GPU.
 """
 
@@ -117,7 +118,7 @@ def cooked(
         ("target_voxel_size", target_voxel_size),
     ):
         if resolution is not None and not resolution > 0:
-            raise PandisError(f"{name}: {resolution} is no positive number")
+            raise PandisError(f"{name}: {resolution} is not a positive number")
     metres = float(length) * float(scale[0] if scale else 1)
     vertices = np.asarray(mesh.vertices, np.float32).reshape(-1, 3)
     vertices = vertices * np.array(scale or (1, 1, 1), np.float32)

@@ -12,7 +12,7 @@ import numpy as np
 CELLS, NODES = 8, 9
 #: Marks of blocks that the coarse grid represents (LINEAR), and of blocks beyond the band (EMPTY).
 LINEAR, EMPTY = np.uint32(0xFFFFFFFE), np.uint32(0xFFFFFFFF)
-#: The coarse grid represents a block if its error is below this share of the grid's diagonal.
+#: The coarse grid represents a block where its error is below this share of the grid's diagonal.
 FLAT = 1e-6
 #: Fine nodes are fitted within this many cells of the surface: probes go no deeper.
 FITTED = 4.0
@@ -155,7 +155,7 @@ def fit(distance, grid, blocks, values, progress):
     spots, shares = (np.array(list(product(each, repeat=3))) for each in _GAUSS)
     weights = np.prod(np.where(_CORNERS, spots[:, None], 1 - spots[:, None]), axis=2)
     count, share = len(values), np.prod(shares, axis=1)
-    whole = np.bincount(corners.ravel(), minlength=count) == len(_CORNERS)  # all cells are near
+    whole = np.bincount(corners.ravel(), minlength=count) == len(_CORNERS)  # all its cells are near
 
     def gathered(of_cells):
         return whole * np.bincount(corners.ravel(), of_cells.ravel(), count)

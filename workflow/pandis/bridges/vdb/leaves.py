@@ -54,7 +54,7 @@ def leaves(field, voxel, band, length=1.0, whole=False):
     length : float
         Volume units per unit of the field's mesh.
     whole : bool
-        Whether to keep the blocks deeper inside, too.
+        Whether to also keep the blocks that are inside the surface but beyond the band.
 
     Raises
     ------

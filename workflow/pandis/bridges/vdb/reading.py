@@ -81,7 +81,7 @@ def read_vdb(data):
     try:
         magic, version = reader.take("qI")
         if (magic, version) != (MAGIC, VERSION):
-            raise ValueError("its header differs")
+            raise ValueError("its magic number or version is unknown")
         reader.take("IIb36s")
         reader.entries()
         (count,) = reader.take("i")
@@ -94,7 +94,7 @@ def _grid(reader):
     name, _, _ = reader.text(), reader.text(), reader.text()
     first, buffers, end = reader.take("3q")
     if first != reader.at:
-        raise ValueError("its grids begin elsewhere")
+        raise ValueError("its grids do not begin at the stored offset")
     reader.take("I")
     reader.entries()
     reader.text()
@@ -108,7 +108,7 @@ def _grid(reader):
             origins.append(leaves)
             masks += [reader.bits(SIDE) for _ in leaves]
     if buffers != reader.at:
-        raise ValueError("its voxels begin elsewhere")
+        raise ValueError("its voxels do not begin at the stored offset")
     active = np.array(masks).reshape(-1, SIDE**3)
     values = np.empty(active.shape, np.float32)
     for mask, block in zip(active, values, strict=True):
@@ -120,7 +120,7 @@ def _grid(reader):
         block[mask] = np.frombuffer(reader.data, "<f4", count, reader.at)
         reader.at += 4 * count
     if end != reader.at:
-        raise ValueError("its grids end elsewhere")
+        raise ValueError("its grids do not end at the stored offset")
     shape = (-1, SIDE, SIDE, SIDE)
     middles, outside = (np.concatenate(parts) for parts in zip(*tiles, strict=True))
     return name, Grid(

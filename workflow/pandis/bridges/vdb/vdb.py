@@ -21,7 +21,7 @@ _BY_MASK, BY_SIGN = 2, 3
 
 
 def vdb_bytes(volumes):
-    """Return the content of a ``.vdb`` file with some volumes.
+    """Return the content of a ``.vdb`` file with the given volumes.
 
     Parameters
     ----------

@@ -1,6 +1,7 @@
 """Fields in Warp: functions that kernels call, on the CPU and on CUDA devices.
 
-For simulations that run in Warp, such as MuJoCo Warp (`pandis.bridges.warp.mujoco`) and Newton.
+They are meant for simulations that run in Warp, such as MuJoCo Warp
+(`pandis.bridges.warp.mujoco`) and Newton.
 """
 
 from functools import cache
@@ -48,8 +49,9 @@ class WarpField:
         The field's data for kernels: the first argument of `answer`.
     answer : wp.Function
         ``answer(data, point) -> Answer``: distance, unit normal and flag at a ``vec3d``; all in
-        mesh units and in double precision. Unlike in pandis.h, which cuts queries after some
-        hundred steps, no query of a compact mesh is cut: the distance is right everywhere.
+        mesh units and in double precision. Unlike in pandis.h, which cuts a query short after the
+        number of steps that its file allows, no query of a compact mesh is cut short, so the
+        distance is right everywhere.
 
     Examples
     --------

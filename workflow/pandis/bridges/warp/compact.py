@@ -22,7 +22,7 @@ wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
 BY_FACE, OUTSIDE, INSIDE = wp.constant(0), wp.constant(1), wp.constant(2)
 MIDDLE = wp.constant(wp.float64(HALF))
-#: For points beyond this, the nearest face is that of a nearer point in the same direction.
+#: For points beyond this, the nearest face is sought from a nearer point in the same direction.
 FAR = wp.constant(wp.float64(1024.0))
 #: Below this distance the direction to the closest point has lost too many digits.
 CLOSE = wp.constant(wp.float64(1e-9))
@@ -75,7 +75,7 @@ def ahead(
 
 @wp.func
 def beside(a: wp.vec3d, b: wp.vec3d, p: wp.vec3d) -> wp.float64:
-    """Return twice the area of edge and point, seen along x; reversing the edge flips its sign."""
+    """Return twice the area of an edge and a point, seen along x; a reversed edge negates it."""
     s, e, sign = a, b, wp.float64(1.0)
     if a[1] > b[1] or (a[1] == b[1] and a[2] > b[2]):
         s, e, sign = b, a, wp.float64(-1.0)
@@ -143,7 +143,7 @@ def winding(field: Field, p: wp.vec3d) -> wp.int32:
 
 @wp.func
 def compact_answer(field: Field, point: wp.vec3d) -> Answer:
-    """Return a compact mesh's answer at a point, in mesh units; queries are never cut."""
+    """Return a compact mesh's answer at a point, in mesh units; queries are never cut short."""
     u = (point - field.centre) * field.scale
     most, nearer, size = wp.max(wp.abs(u)), wp.float64(1.0), wp.float64(field.step)
     if most > FAR:

@@ -1,7 +1,7 @@
 """The nearest face of a compact mesh in Warp: parts/packed.h and the searches of parts/compact.h.
 
-The search runs in single precision and adds in the order of pandis.h, so that both find the same
-face among several that are almost equally near.
+The search runs in single precision and adds in the same order as pandis.h, so that both find the
+same face among several that are almost equally near.
 """
 
 import warp as wp
@@ -108,7 +108,7 @@ def keys_of(
     x0: wp.uint64, y0: wp.uint64, z0: wp.uint64, x1: wp.uint64, y1: wp.uint64, z1: wp.uint64,
     count: wp.int32, shift: wp.vec3i, q: wp.vec3f,
 ) -> vec8i:  # fmt: skip
-    """Return lower bounds of squared distances to eight boxes, as integers of the same order."""
+    """Return lower bounds of squared distances to eight boxes, as integers in the same order."""
     keys = vec8i()
     scale, low, high = wp.vec3f(), wp.vec3f(), wp.vec3f()
     for k in range(3):
@@ -263,7 +263,7 @@ def nearest_in_block(field: Field, number: wp.int32, p: wp.vec3d, best: Near) ->
         at = b.faces + GROUP_BYTES * group
         first, second = word_at(field.packed, at), word_at(field.packed, at + 6)
         third = word_at(field.packed, at + 12)
-        for i in range(eight):  # not unrolled: unrolled, it compiles for minutes
+        for i in range(eight):  # not unrolled: that would take minutes to compile
             squared = triangle_squared(
                 corner_floats(field.packed, b, first, i),
                 corner_floats(field.packed, b, second, i),
@@ -281,7 +281,7 @@ def nearest_in_block(field: Field, number: wp.int32, p: wp.vec3d, best: Near) ->
 
 @wp.func
 def nearest_face(field: Field, p: wp.vec3d) -> wp.int32:
-    """Return the face nearest to a point in lattice steps: block · 64 + place."""
+    """Return the number (block · 64 + place) of the face nearest to a point in lattice steps."""
     waiting = wp.zeros(shape=WAITING, dtype=wp.int32)
     keys_waiting = wp.zeros(shape=WAITING, dtype=wp.int32)
     best = Near()

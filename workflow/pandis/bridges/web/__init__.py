@@ -90,7 +90,7 @@ def with_proxies(fields, log):
         else:
             touchable.append(field)
     if not touchable:
-        raise PandisError("none of these fields has a proxy: name another one in fields")
+        raise PandisError("none of these fields has a proxy: list another one in `fields`")
     return touchable
 
 
@@ -112,7 +112,7 @@ def section(fields, size, stiffness):
 
 
 def loop():
-    """Return data shared by all objects of a page: the module ``pandis.h`` and its haptic loop."""
+    """Return data shared by all objects of a page: the module ``pandis.wasm`` and the loop."""
     return {"wasm": _text(np.fromfile(MODULE, np.uint8), "u1"), "loop": script("loop")}
 
 
@@ -125,8 +125,8 @@ def touched(fields, size, stiffness, more):
     size, stiffness : float
         Length of the longest side, m, and initial stiffness, N/m.
     more : dict
-        Further data for ``touch.js``: the solid and the loop, or ``view``, the name of the figure
-        on the page that contains the solid, if the page contains the loop.
+        Further data for ``touch.js``: either the solid and the loop or, on a page that contains
+        the loop, ``view``: the name of the figure on the page that contains the solid.
     """
     data = more | {
         "size": size,
@@ -151,8 +151,8 @@ def _check(field, first):
     apart = np.abs(first.frame.to_unit(field.frame.centre)).max()
     if apart > 0.1 or not 0.9 < field.frame.scale / first.frame.scale < 1.1:
         raise PandisError(
-            f"{field.path}: this is another object than that of {first.path}: its size or "
-            "position differs; write a separate page for each object"
+            f"{field.path}: this field is of another object, not of that of {first.path}: its size "
+            "or position differs; write a separate page for each object"
         )
 
 

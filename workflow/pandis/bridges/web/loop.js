@@ -22,7 +22,7 @@ function open(bytes, settings) {
   const at = pandis.web_room(bytes.byteLength);
   if (!at) return "there is not enough memory for this file";
   new Uint8Array(pandis.memory.buffer, at, bytes.byteLength).set(new Uint8Array(bytes));
-  numbers = array(); // growing the memory moves it
+  numbers = array(); // growing the memory detaches the previous array
   let error = pandis.web_open(at, bytes.byteLength);
   if (!error) {
     Object.entries({ [SIZE]: settings.size, [RADIUS]: 0 }).forEach(([k, value]) => (numbers[k] = value));

@@ -49,7 +49,7 @@ class Touch extends Solid {
         this.point(event);
       });
     canvas.addEventListener("wheel", (event) => {
-      // a page of many objects scrolls until an object is clicked
+      // on a page of many objects, the wheel scrolls the page until an object is clicked
       if (this.page.closest("details") && document.activeElement !== canvas) return;
       event.preventDefault();
       this.enlarge(Math.exp(-event.deltaY / 600));
@@ -134,7 +134,7 @@ class Touch extends Solid {
       const how = state & STICKING ? "sticking" : state & TOUCHING ? "touching" : "free";
       this.page.querySelector("output.figures").value =
         `${Math.hypot(...force).toFixed(2)} N, ${(1e3 * depth).toFixed(2)} mm deep, ${how}; a tick takes ` +
-        `${(1e3 * mean).toFixed(1)} µs on average, 99 % of them ${Math.max(slow, 0.1).toFixed(1)} ms or less`;
+        `${(1e3 * mean).toFixed(1)} µs on average, 99 % of ticks ${Math.max(slow, 0.1).toFixed(1)} ms or less`;
     });
   }
 
@@ -183,7 +183,7 @@ class Touch extends Solid {
   }
 }
 
-// On a page of many objects each uses the solid of its view, all share the loop, and each begins when it is shown.
+// On a page of many objects, each object uses the solid of its view and begins when it is shown; all share the loop.
 function begin(page) {
   const read = (from) => JSON.parse(from.querySelector("script[type='application/json']").textContent);
   let held = read(page);

@@ -35,7 +35,7 @@ size_t strlen(const char *text) {
 /* Digest of the sources that this was compiled from. */
 WEB const char web_digest[] = WEB_DIGEST;
 
-/* Numbers that the page writes and reads, in one array, at the places of these enums. */
+/* Numbers that the page writes and reads, in one array, at the indices in these enums. */
 enum { TARGET = 0, SIZE = 3, STIFFNESS, FRICTION, RADIUS, IN };
 enum {
     PROBE = 8,

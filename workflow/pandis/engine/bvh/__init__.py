@@ -208,8 +208,8 @@ class Bvh:
     def scan(self, points):
         """Return distance (n,) and normal (n, 3) at points (n, 3) by brute force over all faces.
 
-        Off the surface, results equal `label` with ``check=False`` bit for bit. A program without
-        a tree, such as the paper's ground truth, computes distances this way.
+        Off the surface, results equal those of `label` with ``check=False`` bit for bit. A program
+        without a tree, such as the one for the paper's ground truth, computes distances this way.
         """
         points = np.ascontiguousarray(points, np.float64)
         distance, normal = np.empty(len(points)), np.empty((len(points), 3))

@@ -1,27 +1,27 @@
 /* Building on several threads: a part of bvh.c.
  *
- * The first two levels are opened, and below them each branch is built alone, into room of its own;
- * then they are put one behind the other, in the order in which one thread would have come to them.
- * So the tree is the same to the last byte, on however many threads.
+ * The first two levels are opened. Below them each branch is built separately, in memory of its
+ * own. Then all branches are joined in the order in which a single thread would have built them, so
+ * that the tree is the same to the last byte on any number of threads.
  */
 
-/* Branches of the root, and of those; branch i has the children WIDTH * i + 1 to WIDTH * i + WIDTH.
- */
+/* Numbers of branches: of the first two levels, which are opened, and of the first three. The
+ * children of branch i are WIDTH * i + 1 to WIDTH * i + WIDTH. */
 #define OPENED (1 + WIDTH)
 #define BRANCHES (1 + WIDTH + WIDTH * WIDTH)
 
 typedef struct {
     Range range;
-    int used, count; /* of children; 0: none are opened */
+    int used, count; /* whether the branch exists; its number of children, 0 if it is not opened */
     Node node;       /* of an opened branch */
     Cluster cluster;
-    Bvh part; /* of another one: its nodes, clusters and leaves */
+    Bvh part; /* nodes, clusters and leaves of a branch that is not opened */
 } Branch;
 
 typedef struct {
     Bvh *tree;
     Item *items;
-    int failed; /* set by whoever is short of memory */
+    int failed; /* set by any thread that runs out of memory */
     Branch branches[BRANCHES];
 } Work;
 
@@ -113,7 +113,7 @@ void bvh_meet(Work *w) {
 /* Find the normals of all vertices, while branches are built. */
 void bvh_turn(Work *w) { find_vertex_normals(w->tree); }
 
-/* Put a branch and those below it behind what is there; return it as a node's child. */
+/* Append a branch and those below it to the tree; return its index as a node's child. */
 static int32_t join(Bvh *t, Branch *all, int index) {
     Branch *branch = all + index;
     if (branch->count) {
@@ -140,7 +140,7 @@ static int32_t join(Bvh *t, Branch *all, int index) {
     return part->node_count ? node : ~leaf;
 }
 
-/* Put all branches together; NULL if memory was short. */
+/* Join all branches and return the tree; NULL if memory was short. */
 Bvh *bvh_finish(Work *w) {
     Bvh *t = w->tree;
     size_t nodes = 0, leaves = 0;

@@ -1,6 +1,7 @@
 /* Building the tree: a part of bvh.c. */
 
-/* A face and where it lies; moved as a whole, so that a range is read from one end to the other. */
+/* A face, its box and its centroid. Items are moved as a whole, so that a range of them is
+ * contiguous in memory. */
 typedef struct {
     float low[3], high[3], centroid[3];
     int32_t face;
@@ -36,14 +37,14 @@ static void bound(Builder *b, Range *r) {
     r->area = half_area(r->low, r->high);
 }
 
-/* The bin of a centroid, of those between two coordinates of an axis. */
+/* The index of a centroid's bin; the bins divide an axis between two coordinates. */
 static int bin_of(float centroid, float low, float high) {
     float factor = BINS * 0.9999f / (high - low);
     return (int)((centroid - low) * factor);
 }
 
-/* Find the cheapest split between two bins of an axis. Returns the last bin on the left, or -1 if
- * none costs less than `best`, which becomes its cost. */
+/* Find the cheapest split between two bins of an axis. Returns the last bin on the left, and sets
+ * `best` to the cost of the split; or returns -1 if no split costs less than `best`. */
 static int cheapest_bin(
     const Builder *b, const Range *r, int axis, float low, float high, float *best) {
     float bin_low[BINS][3], bin_high[BINS][3], area[BINS];
@@ -73,7 +74,7 @@ static int cheapest_bin(
     return found;
 }
 
-/* Split by the binned surface area heuristic; halve where that finds nothing. */
+/* Split a range by the binned surface area heuristic; halve it if that finds no split. */
 static void split(Builder *b, const Range *r, int depth, Range *left, Range *right) {
     float low[3], high[3], best = INFINITY;
     int best_axis = -1, best_bin = 0;
@@ -118,8 +119,8 @@ static int widest_corner(const Bvh *t, int32_t face) {
     return widest;
 }
 
-/* Round the triangles of a leaf to 16 bits, and say how much of their distances single precision
- * may lose. */
+/* Round the triangles of a leaf to 16 bits, and bound the error of their distances in single
+ * precision. */
 static void round_triangles(const Bvh *t, const Range *r, Leaf *leaf) {
     float v[3][3][WIDTH], slack[2];
     double extent = 0;
@@ -129,7 +130,7 @@ static void round_triangles(const Bvh *t, const Range *r, Leaf *leaf) {
         if (side > extent) extent = side;
     }
     int exponent;
-    (void)frexp(extent / 65535, &exponent); /* the least power of two that is not less */
+    (void)frexp(extent / 65535, &exponent); /* the least power of two that is greater */
     if (exponent < -100) exponent = -100;
     leaf->step = (float)ldexp(1, exponent);
     for (int lane = 0; lane < WIDTH; lane++) {
@@ -144,8 +145,8 @@ static void round_triangles(const Bvh *t, const Range *r, Leaf *leaf) {
             }
     }
     pandis__slacks(v, slack);
-    /* and what moves corners and the point: half a step of each coordinate, and the point's last
-     * bit */
+    /* add the effect of rounding: each coordinate of a corner moves by up to half a step, and the
+     * point by its last bit */
     double steps = 1 + (double)slack[0] + 4 * 6e-8 * extent / (double)leaf->step;
     leaf->slack = (float)(steps * (double)leaf->step * (1 + 1e-6)), leaf->share = slack[1];
 }
@@ -166,7 +167,8 @@ static int32_t add_leaf(Builder *b, const Range *r) {
     return t->leaf_count++;
 }
 
-/* What a range of faces does to winding numbers far away: the cluster of a node's child. */
+/* Find the dipole that replaces a range of faces in winding numbers far away: the cluster of a
+ * node's child. */
 static void find_dipole(const Builder *b, const Range *r, int child, Cluster *cluster) {
     const Bvh *t = b->tree;
     double area = 0, centre[3] = {0}, dipole[3] = {0};
@@ -200,8 +202,8 @@ static void find_dipole(const Builder *b, const Range *r, int child, Cluster *cl
     cluster->reach[child] = (float)(reach * 1.0001 + 1e-30);
 }
 
-/* Divide a range among the children of a node: their ranges, boxes and dipoles. Returns how many
- * there are. */
+/* Divide a range among the children of a node: their ranges, boxes and dipoles. Returns the
+ * number of children. */
 static int open_node(Builder *b, Range root, int depth, Node *node, Cluster *cluster, Range *part) {
     const Bvh *t = b->tree;
     int count = 1;
@@ -252,7 +254,7 @@ static int32_t add_node(Builder *b, Range root, int depth) {
     return index;
 }
 
-/* The face across each edge: half-edges bucketed by their lower vertex. */
+/* Find the face across each edge, by half-edges bucketed by their vertex of lower index. */
 static int find_neighbours(Bvh *t) {
     size_t halves = 3 * (size_t)t->face_count;
     int64_t *start = calloc((size_t)t->vertex_count + 2, sizeof *start);

@@ -33,7 +33,8 @@
 #define KNOWN 32
 #define ROUGH_BETA 1.4f
 #define FINE_BETA 2.5f
-/* for clusters farther than this many spreads, the middle replaces the points */
+/* dipoles of clusters farther away than this many spreads of a group of points are evaluated once,
+ * at the middle of the group */
 #define MIDDLE_BETA 3
 #define FAR_LIMIT PANDIS__FAR
 
@@ -164,8 +165,9 @@ typedef struct {
     int newest;
 } Recent;
 
-/* Check the side of a point at a distance: by a recent point, else by the winding number, and by
- * the exact one if the sign contradicts that. Returns the side. */
+/* Find the side of a point at a distance from the surface, from a recent point or else from the
+ * winding number. If that side contradicts `sign`, the exact winding number decides. Returns the
+ * side. */
 static double check_side(
     const Bvh *t, const double *p, double distance, double sign, Recent *recent, int64_t *counts) {
     double side = 0;
@@ -173,8 +175,8 @@ static double check_side(
         int k = (recent->newest + j) % KNOWN;
         const double *other = recent->known[k].point;
         double x[3] = {p[0] - other[0], p[1] - other[1], p[2] - other[2]};
-        /* a ball as large as its centre's distance contains no surface: balls that meet are on one
-         * side */
+        /* a ball whose radius is its centre's distance contains no surface, so balls that overlap
+         * are on the same side */
         double reach = distance + recent->known[k].distance;
         if (dot(x, x) * (1 + 1e-12) < reach * reach) side = recent->known[k].side;
     }
@@ -242,7 +244,7 @@ void bvh_label(const Bvh *t, const double *points, const int64_t *order, int64_t
     }
 }
 
-/* The address and the bytes of a part of the tree, as stored in a file for pandis.h. */
+/* The address of a part of the tree, as stored in a file for pandis.h, and its size in bytes. */
 const void *bvh_part(const Bvh *t, int32_t which, int64_t *bytes) {
     int64_t v = t->vertex_count, f = t->face_count;
     switch (which) {

@@ -1,4 +1,4 @@
-/* What a program without a tree does, all triangles for every point: a part of bvh.c. */
+/* Brute force, as in a program without a tree: all triangles for every point. A part of bvh.c. */
 
 #define LANES 4
 
@@ -20,13 +20,13 @@ static void set_lane(Lanes *lanes, int lane, const double *p, const double *q, c
     lanes->per_ab[lane] = aa > 0 ? 1 / aa : 0;
     lanes->per_ac[lane] = cc > 0 ? 1 / cc : 0;
     lanes->per_bc[lane] = bb > 0 ? 1 / bb : 0;
-    /* without an area no point projects into it: NaN fails every comparison */
+    /* no point projects into a triangle without area: NaN fails every comparison */
     lanes->gram_ab[lane] = det > 0 ? aa / det : NAN;
     lanes->gram_mix[lane] = det > 0 ? mix / det : NAN;
     lanes->gram_ac[lane] = det > 0 ? cc / det : NAN;
 }
 
-/* Squared distances to four triangles: the numbers of pandis__face_squared, to the last bit. */
+/* Squared distances to four triangles, equal to pandis__face_squared to the last bit. */
 static void lane_distances(
     const Lanes *restrict f, const double *restrict p, double *restrict out) {
     for (int i = 0; i < LANES; i++) {
@@ -55,7 +55,7 @@ static void lane_distances(
     }
 }
 
-/* Answer points from all triangles; 0 if memory is short. */
+/* Answer points by testing all triangles. Returns 0 if memory is short. */
 int bvh_scan(const Bvh *t, const double *points, int64_t count, double *distance, double *normal) {
     pandis__mesh m = view(t);
     int32_t rows = t->face_count / LANES + (t->face_count % LANES > 0);

@@ -19,7 +19,7 @@ static double exact_winding(const Bvh *t, const double *p) {
     return sum / 6.283185307179586;
 }
 
-/* atan2 to 2e-6, without branches, so that four go at once. */
+/* atan2 to within 2e-6, without branches, so that the compiler can compute four at once. */
 static double rough_atan2(double y, double x) {
     double ax = fabs(x), ay = fabs(y);
     double high = ax > ay ? ax : ay, low = ax > ay ? ay : ax;
@@ -95,7 +95,7 @@ static double rough_winding(const Bvh *t, const double *p, float beta) {
     return sum;
 }
 
-/* -1 inside, 1 outside: as roughly as it may be, as exactly as it must. */
+/* -1 inside, 1 outside. The winding number is computed only as exactly as the answer requires. */
 static double find_side(const Bvh *t, const double *p) {
     double w = rough_winding(t, p, ROUGH_BETA);
     if (fabs(w - 0.5) < 0.3) {
@@ -107,10 +107,11 @@ static double find_side(const Bvh *t, const double *p) {
 
 /* -------------------- on both sides of faces */
 
-/* A face is long from this share of the largest coordinate on. */
+/* A face counts as long if its spread is at least this share of the largest coordinate. */
 #define LONG_FACE 0.02
 
-/* Where a face is looked at from both sides: in the middle, and near the corners (barycentric). */
+/* Where a face is tested on both sides: in the middle and near the corners, in barycentric
+ * coordinates. */
 static const double PLACES[WIDTH / 2][3] = {
     {1.0 / 3, 1.0 / 3, 1.0 / 3}, {0.9, 0.05, 0.05}, {0.05, 0.9, 0.05}, {0.05, 0.05, 0.9}};
 
@@ -134,8 +135,8 @@ static void add_turns(const Bvh *t, const Leaf *leaf, double p[3][WIDTH], double
     }
 }
 
-/* Winding numbers at points within `spread` of a middle: what is far counts as dipoles seen from
- * there. */
+/* Winding numbers at points within `spread` of a middle. Clusters that are far away count as
+ * dipoles seen from the middle. */
 static void rough_windings(
     const Bvh *t, const double *middle, double spread, double p[3][WIDTH], double *windings) {
     int32_t stack[STACK];
@@ -174,8 +175,8 @@ static void rough_windings(
         windings[i] = far / 12.566370614359172 + turns[i] / 6.283185307179586;
 }
 
-/* Whether a face has the outside below it, or the inside above, so far from it, at one of the
- * places. */
+/* Whether the outside is below a face, or the inside above it, at the distance `beside` from one of
+ * the PLACES. */
 static int looks_wrong(const Bvh *t, int32_t face, double beside) {
     const double *a = corner(t, face, 0), *b = corner(t, face, 1), *c = corner(t, face, 2);
     double ab[3], ac[3], n[3], middle[3], p[3][WIDTH], windings[WIDTH], spread = 0;
@@ -194,8 +195,8 @@ static int looks_wrong(const Bvh *t, int32_t face, double beside) {
         double x[3] = {p[0][i] - middle[0], p[1][i] - middle[1], p[2][i] - middle[2]};
         if (dot(x, x) > spread) spread = dot(x, x);
     }
-    /* around a face that is long beside the object one walk would meet nearly all other faces: ask
-     * point by point */
+    /* around a face that is long compared with the object, one walk would meet nearly all other
+     * faces, so walk for each point by itself */
     if (sqrt(spread) < LONG_FACE * t->scale) rough_windings(t, middle, sqrt(spread), p, windings);
     else
         for (int i = 0; i < WIDTH; i++) windings[i] = 0.5;

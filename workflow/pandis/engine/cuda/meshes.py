@@ -27,8 +27,10 @@ _PLACES = LEAF_BYTES // 4
 
 @wp.struct
 class Tree:
-    """A mesh and the tree over its faces: boxes (n, 48) and children (n, 8) of the nodes; rounded
-    corners (l, 72), faces (l, 8), and origin, step, slack and share (l, 6) of the leaves.
+    """A mesh and the tree over its faces.
+
+    The nodes have ``boxes`` (n, 48) and ``children`` (n, 8). The leaves have rounded ``corners``
+    (l, 72), faces (l, 8) in ``leaves``, and origin, step, slack and share (l, 6) in ``places``.
     """
 
     boxes: wp.array2d(dtype=wp.float32)

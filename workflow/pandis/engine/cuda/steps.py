@@ -1,8 +1,8 @@
-"""Warp kernels for training steps between matrix products: one where torch needs several.
+"""Warp kernels for the parts of a training step that lie between matrix products.
 
-Arrays are torch tensors in single precision, with one column per point, as in
-`pandis.pipeline.kinds.network.training.network`. Kernels are launched on torch's current stream, so
-that a recorded graph contains them.
+One kernel replaces several of torch's. Arrays are torch tensors in single precision, with one
+column per point, as in `pandis.pipeline.kinds.network.training.network`. Kernels are launched on
+torch's current stream, so that a recorded CUDA graph contains them.
 """
 
 import warp as wp

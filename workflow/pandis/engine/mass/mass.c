@@ -3,8 +3,8 @@
  *
  * The state of a linear oscillator after a step is linear in the state before it and in the push.
  * The caller computes the six factors from a matrix exponential. Friction acts against the motion.
- * At rest it cancels any force that is no stronger than it. A step in which the motion reverses
- * ends at rest at the turning point.
+ * At rest, it cancels any force that is not stronger than itself. A step in which the motion
+ * reverses ends at rest at the turning point.
  */
 #include <math.h>
 #include <stdint.h>

@@ -105,7 +105,7 @@ def pack_mesh(vertices, faces, sides):
     vertices, faces = _checked(vertices, faces)
     tells = [np.ascontiguousarray(part, np.uint8).ravel() for part in sides]
     if [len(part) for part in tells] != [len(vertices), 3 * len(faces), len(faces)]:
-        raise ValueError("sides must match the vertices and faces")
+        raise ValueError("sides must match the vertices, the edges of the faces, and the faces")
     library = _library()
     packing = library.packing_build(
         vertices.ctypes.data, len(vertices), faces.ctypes.data, len(faces),
@@ -122,7 +122,7 @@ def pack_mesh(vertices, faces, sides):
 
 
 def distance_and_clear(arrays, bits, points, most=0):
-    """Return the distances of ``pandis.h``, and lower bounds of the distance to the surface.
+    """Return the distances that ``pandis.h`` computes, and lower bounds of the distance.
 
     Parameters
     ----------

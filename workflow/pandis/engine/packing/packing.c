@@ -1,8 +1,8 @@
 /* Packs a mesh on a lattice into blocks and a tree, as parts/packed.h and compact.h read them.
  *
  * Faces are in the order of the tree. Blocks are as full as possible, because a corner is stored in
- * every block that uses it. So a split is the best by the surface area heuristic of those that
- * leave whole blocks (in a block, whole groups) on one side. */
+ * every block that uses it. Therefore only splits that leave whole blocks (in a block, whole
+ * groups) on one side are considered; of these, the surface area heuristic chooses the best. */
 #define PANDIS_NO_FILE
 
 #include <stddef.h>
@@ -143,8 +143,8 @@ static int bit_length(int32_t value) {
     return bits;
 }
 
-/* Bits for a box of this extent. Its far side, rounded up to the resolution of a byte coordinate,
- * must fit a byte. */
+/* Number of bits for coordinates in a box of this extent. The far side of the box, rounded up to
+ * the resolution of a byte coordinate, must fit into a byte. */
 static int bits_for(int32_t extent) {
     int bits = bit_length(extent), shift = pandis__coarse(bits);
     return bits + ((extent + (1 << shift) - 1) >> shift > 255);
@@ -176,8 +176,8 @@ static void *grown(Packing *m, void *old, int64_t wanted, int64_t *room, size_t 
     return moved;
 }
 
-/* Sort a block's faces into groups of eight neighbours. `part` gets the groups' boxes; returns
- * their number. */
+/* Sort a block's faces into groups of eight neighbours. `part` gets the groups' boxes.
+ * Returns the number of groups. */
 static int group(Packing *m, Range whole, Range *part) {
     int count = 1;
     part[0] = whole;
@@ -205,8 +205,8 @@ static void write_boxes(
         }
 }
 
-/* Write how sides are found at a block's corners, edges and faces, two bits each; nothing if always
- * by the face. */
+/* Write how sides are found at a block's corners, edges and faces, in two bits each. If the face
+ * always determines the side, nothing is written. */
 static uint8_t *write_sides(const Packing *m, const Range *whole, const int32_t *corners, int count,
     uint8_t *out, uint32_t *counts) {
     int any = 0, groups = (whole->count + WIDTH - 1) / WIDTH;
@@ -281,8 +281,8 @@ static int fits(const Packing *m, const Range *r) {
     return r->count <= BLOCK && collect(m, r, corners, local) >= 0;
 }
 
-/* A range of faces is cut at multiples of this, so that few branches and blocks are left half
- * empty. */
+/* The number at whose multiples a range of `count` faces is cut, so that few branches and blocks
+ * are left half empty. */
 static int32_t unit_of(int32_t count) {
     int64_t unit = BLOCK;
     if (count <= BLOCK) return count > WIDTH ? WIDTH : 1;
@@ -334,9 +334,9 @@ void packing_free(Packing *m) {
     free(m);
 }
 
-/* Pack a mesh; NULL if memory is short. Vertices (V, 3) are integers from 0 to 2^20 - 1; no face
- * may have two equal corners. How sides are found at vertices, half-edges and faces is coded as in
- * parts/packed.h. All arrays are read until this returns. */
+/* Pack a mesh; returns NULL if memory is short. Vertices (V, 3) are integers from 0 to 2^20 - 1; no
+ * face may have two equal corners. How sides are found at vertices, half-edges and faces is coded
+ * as in parts/packed.h. The arrays are not used after this function returns. */
 Packing *packing_build(const int32_t *vertices, int32_t vertex_count, const int32_t *faces,
     int32_t face_count, const uint8_t *corner_side, const uint8_t *edge_side,
     const uint8_t *face_side) {
@@ -360,7 +360,7 @@ Packing *packing_build(const int32_t *vertices, int32_t vertex_count, const int3
     return m;
 }
 
-/* The address and the bytes of a part: branches, blocks, packed faces and corners. */
+/* The address of a part and its size in bytes: branches, blocks, packed faces and corners. */
 const void *packing_part(const Packing *m, int32_t which, int64_t *bytes) {
     switch (which) {
     case 0: return *bytes = (int64_t)sizeof *m->branches * m->branch_count, m->branches;

@@ -1,12 +1,15 @@
-/* Where to look on which side points are whose closest point is a corner or an edge: a part of
- * packing.c.
+/* Test points that determine the side of all points whose closest point is on a given corner or
+ * edge: a part of packing.c.
  *
- * All points whose closest point is one and the same are on one side: they form a cone that the
- * surface does not enter. So one of them, next to the surface, tells the side of all. */
+ * All points that share a closest point are on the same side, because they form a cone that the
+ * surface does not enter. So the side of one of them, next to the surface, is the side of all. */
 
-#define BESIDE 1e-3 /* how far that one is from the surface (steps): less than any fold is high */
-#define SMOOTH 0.82 /* cosine: normals around a corner that are no farther from their mean */
-#define BLUNT 0.1   /* cosine between the normals at an edge at which its own face tells the side */
+/* distance of a test point from the surface (lattice steps), less than the height of any fold */
+#define BESIDE 1e-3
+/* a corner is smooth if no normal around it has a smaller cosine with their mean */
+#define SMOOTH 0.82
+/* an edge is blunt, so that the face determines the side, if its normals have a larger cosine */
+#define BLUNT 0.1
 
 typedef struct {
     double *points;  /* (n, 3) */
@@ -19,8 +22,9 @@ typedef struct {
     double x, y;
 } Ray; /* (x, y, 1) in the frame of a pyramid */
 
-/* The rays in one of six pyramids around the axes that make no acute angle with any of some
- * directions: a polygon, cut by one plane after the other. Returns how many corners are left. */
+/* Find the rays in one of six pyramids around the axes that make no acute angle with any of the
+ * given directions. They form a polygon, which is cut by one plane per direction. Returns the
+ * number of its corners. */
 static int clip(const double *directions, int64_t count, int axis, double along, double slack,
     Ray *ray, Ray *spare) {
     int corners = 4, second = (axis + 1) % 3, third = (axis + 2) % 3;
@@ -44,8 +48,8 @@ static int clip(const double *directions, int64_t count, int axis, double along,
     return corners;
 }
 
-/* Add a point in each of those cones of the points nearest to one from which the surface leaves in
- * some directions. */
+/* Add test points next to `from`, from which the surface extends in the given directions: one in
+ * each pyramid that contains points whose closest point is `from`. */
 static void add_rays(Rays *rays, int32_t owner, const double *from, const double *directions,
     int64_t count, Ray *room) {
     for (int axis = 0; axis < 3; axis++)
@@ -93,7 +97,7 @@ static int unit_normal(const Mesh *m, int32_t face, double *n) {
     return pandis__normalise(n);
 }
 
-/* Faces around each vertex: the half-edges (3 * face + corner) that start there. */
+/* Find the faces around each vertex, as the half-edges (3 * face + corner) that start there. */
 static int find_around(const Mesh *m, int64_t **first, int32_t **around) {
     size_t halves = 3 * (size_t)m->face_count;
     *first = calloc((size_t)m->vertex_count + 2, sizeof **first);
@@ -105,7 +109,7 @@ static int find_around(const Mesh *m, int64_t **first, int32_t **around) {
     return 1;
 }
 
-/* Look beside a vertex, unless the faces around it are nearly in one plane. */
+/* Add test points beside a vertex, unless the faces around it are nearly in one plane. */
 static void look_beside_vertex(const Mesh *m, int32_t vertex, const int32_t *around, int64_t count,
     double *directions, Ray *room, Rays *rays) {
     double sum[3] = {0}, from[3], n[3];
@@ -126,8 +130,8 @@ static void look_beside_vertex(const Mesh *m, int32_t vertex, const int32_t *aro
     if (count && !smooth) add_rays(rays, vertex, from, directions, 2 * count, room);
 }
 
-/* Look beside the midpoint of an edge, unless the edge is blunt; `halves` are all of its
- * half-edges. */
+/* Add test points beside the midpoint of an edge, unless the edge is blunt. `halves` are all
+ * half-edges of this edge. */
 static void look_beside_edge(const Mesh *m, int32_t owner, const int32_t *halves, int64_t count,
     double *directions, Ray *room, Rays *rays) {
     double n[2][3], a[3], b[3], middle[3];
@@ -155,7 +159,7 @@ void packing_free_rays(Rays *rays) {
     free(rays);
 }
 
-/* Points that tell the sides at corners and edges; NULL if memory is short. */
+/* Find test points for the sides at corners and edges; returns NULL if memory is short. */
 Rays *packing_rays(
     const int32_t *vertices, int32_t vertex_count, const int32_t *faces, int32_t face_count) {
     Mesh mesh = {vertex_count, face_count, vertices, faces}, *m = &mesh;
@@ -175,7 +179,7 @@ Rays *packing_rays(
     for (size_t h = 0; good && h < 3 * (size_t)face_count; h++) {
         int32_t u = faces[h], v = faces[h % 3 == 2 ? h - 2 : h + 1];
         int64_t count = 0;
-        /* those that start at the one end that fewer faces meet at, and those that end there */
+        /* find all half-edges of the edge, at the end where fewer faces meet */
         int32_t end = first[u + 1] - first[u] <= first[v + 1] - first[v] ? u : v,
                 far = u == end ? v : u;
         for (int64_t i = first[end]; i < first[end + 1]; i++) {

@@ -9,7 +9,7 @@
 #error "pandis.h needs IEEE arithmetic: compile without -ffast-math (/fp:fast)"
 #endif
 #if FLT_EVAL_METHOD != 0 && FLT_EVAL_METHOD != 16 /* 16: only half-precision arithmetic differs */
-#error "pandis.h needs float and double arithmetic as such: compile with -mfpmath=sse"
+#error "pandis.h needs arithmetic without excess precision: compile with -mfpmath=sse"
 #endif
 #ifndef PANDIS_NO_FILE
 #if defined(_WIN32) || !defined(PANDIS_MMAP)
@@ -32,9 +32,10 @@
 #define PANDIS__RESTRICT restrict
 #endif
 
-/* -O2 is enough for the code below. GCC then uses few vectors, and even fewer if an operation might
- * trap, so options are set here; clang needs none. Products and sums are rounded separately,
- * whatever the flags, so that all compilers, machines and vector widths give the same bits. */
+/* The code below needs only -O2. With it, GCC vectorises little, and even less if an operation
+ * might trap, so further options are set here; clang needs none. Products and sums are rounded
+ * separately, whatever the flags, so that all compilers, machines and vector widths give the same
+ * bits. */
 #if defined(__cplusplus) && defined(__GNUC__) /* the code is also C, which has no other casts */
 #pragma GCC diagnostic push
 #pragma GCC diagnostic ignored "-Wold-style-cast"
@@ -51,7 +52,7 @@
 #define PANDIS__PUSHED
 #endif
 
-/* without optimisation clang's stack would grow */
+/* without optimisation, inlining would make clang's stack frames larger */
 #if defined(__GNUC__) && !(defined(__clang__) && !defined(__OPTIMIZE__))
 #define PANDIS__INLINE static inline __attribute__((always_inline))
 #else
@@ -95,7 +96,7 @@
 #define PANDIS__DEEPEST 100
 #define PANDIS__NO_BRICK 65535
 #define PANDIS__MOST_BITS 20
-/* minimum number of boxes and faces visited in tree order, before best-first */
+/* minimum number of boxes and faces visited in tree order, before the search is best-first */
 #define PANDIS__SOON 192
 #define PANDIS__SLACK 16 /* bytes after the last block that are read but not used */
 #define PANDIS__BLOCK 64 /* maximum number of faces, and of corners, per block of a packed mesh */

@@ -32,7 +32,7 @@ typedef float pandis__four_floats __attribute__((vector_size(16), aligned(4), ma
 #define PANDIS__FOUR_AT_ONCE
 #endif
 
-/* Add value and gradient of the spline that has these 64 coefficients around a point. */
+/* Add the value and gradient of the spline that has these 64 coefficients around a point. */
 PANDIS__INLINE void pandis__tensor(
     const float *c, double (*w)[4], double (*dw)[4], double *value, double *gradient) {
 #ifdef PANDIS__FOUR_AT_ONCE
@@ -71,7 +71,7 @@ static void pandis__gather(const float *values, int32_t size, const int *first, 
                 4 * sizeof *c);
 }
 
-/* Compute value and gradient at a point of the box, from a lattice that covers it. */
+/* Compute the value and gradient at a point of the box, from a lattice that covers the box. */
 static void pandis__cubic(
     const pandis__lattice *l, const double *u, double *value, double *gradient) {
     double within[3], w[3][4], dw[3][4];

@@ -110,9 +110,9 @@ PANDIS__INLINE void pandis__search_best_body(
 PANDIS__COMPILE(pandis__search_best,
     (const pandis__compact *t, const double *p, pandis__near *best), (t, p, best))
 
-/* Find the face nearest to a point in lattice steps: block * 64 + place; INT32_MAX if there is none
- * within `reach` (steps). `clear`: if the search was cut short, the squared distance that all other
- * faces exceed; else infinite. */
+/* Find the face nearest to a point (in lattice steps). Returns block * 64 + place, or INT32_MAX if
+ * no face is within `reach` (steps). If the search was cut short, `clear` becomes a lower bound of
+ * the squared distances to all other faces; else infinite. */
 static int32_t pandis__search(
     const pandis__compact *t, const double *p, double reach, float *clear) {
     int32_t soon = pandis__soon(t->most);
@@ -150,7 +150,7 @@ static int pandis__two_bits(const unsigned char *list, int at) {
     return list[at / 4] >> 2 * (at % 4) & 3;
 }
 
-/* Bit mask of the boxes, of eight, that a ray from a point along x meets. */
+/* Bit mask of the boxes (at most eight) that a ray from a point along x meets. */
 static int pandis__boxes_ahead(const unsigned char *boxes, int count, const int32_t *origin,
     const int *shift, const double *p) {
     int met = 0;
@@ -219,8 +219,8 @@ PANDIS__APART static int pandis__winding(const pandis__compact *t, const double 
     return turns;
 }
 
-/* Bit mask of the boxes, of eight, that a segment from a point meets beyond the share `from` of its
- * length. */
+/* Bit mask of the boxes (at most eight) that a segment from a point meets beyond the share `from`
+ * of its length. */
 static int pandis__boxes_between(const unsigned char *boxes, int count, const int32_t *origin,
     const int *shift, const double *p, const double *way, double from) {
     int met = 0;
@@ -240,8 +240,8 @@ static int pandis__boxes_between(const unsigned char *boxes, int count, const in
     return met;
 }
 
-/* Find the side of a point from the first face on the segment to a target, which is free up to the
- * share `from`. If the segment meets too many faces, the target's face decides. */
+/* Find the side of a point from the first face on the segment to a target. The segment is free up
+ * to the share `from` of its length. If it meets too many faces, the target's face decides. */
 PANDIS__APART static int pandis__first_side(
     const pandis__compact *t, const double *p, const double *target, const double *n, double from) {
     int32_t stack[PANDIS__STACK], left = t->most;
@@ -317,7 +317,7 @@ PANDIS__APART static pandis_flag pandis__answer_compact(const pandis__compact *t
     /* a little beyond the reach: single precision may overestimate distances */
     double steps = nearer < 1 ? (double)INFINITY : (begin->reach * 1.0001 + 1e-3) / t->step;
     int32_t face = pandis__search(t, p, steps, &unseen);
-    /* if cut short, a search with a reach may end elsewhere: repeat it without one */
+    /* a search with a reach may find another face if it is cut short: repeat it without a reach */
     if (unseen < FLT_MAX && steps < 1e18)
         steps = (double)INFINITY, face = pandis__search(t, p, steps, &unseen);
     if (face == INT32_MAX && steps < 1e18) {

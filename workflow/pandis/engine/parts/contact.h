@@ -1,7 +1,7 @@
 /* -------------------- contact */
 
-/* Compute the force of spring and damping from the positions of probe and proxy; object's frame,
- * scene units. */
+/* Compute the force of the spring and of damping from the positions of the probe and the proxy, in
+ * the object's frame and in scene units. */
 static void pandis__pull(const pandis__contact *c, const pandis_object *o, const double *normal,
     double damping, double *force) {
     double per = o->scale / o->field->scale;
@@ -9,7 +9,7 @@ static void pandis__pull(const pandis__contact *c, const pandis_object *o, const
     double push = pandis__dot(force, normal),
            fast = -damping * pandis__dot(c->velocity, normal) * per;
     if (!(push > 0)) return;
-    /* at most the spring's force: damping starts at zero and never pulls */
+    /* damping is at most the spring's force, so that it starts at zero and never pulls */
     fast = fast > push ? push : fast < -push ? -push : fast;
     for (int k = 0; k < 3; k++) force[k] += fast * normal[k];
 }
@@ -95,7 +95,7 @@ PANDIS_API void pandis_contact_reshaped(pandis_contact *contact) {
     pandis__contact_of(contact)->ball[3] = -1;
 }
 
-/* Move the walls outward by `by`, at most to the probe, and the proxy to the probe. */
+/* Move the walls outward by `by`, but not beyond the probe, and move the proxy to the probe. */
 static void pandis__stand_at(pandis__proxy *p, const double *probe, pandis__look *look, double by) {
     p->state->sunk -= by, p->radius += by;
     look->distance -= by, look->free -= by, look->sure -= by;
@@ -106,8 +106,8 @@ static void pandis__stand_at(pandis__proxy *p, const double *probe, pandis__look
     pandis__learn(p, look, probe, look->distance);
 }
 
-/* Begin at the probe. If it is inside, the walls are moved in to its depth until it comes out, so
- * that it is neither kicked out nor let through. */
+/* Begin with the proxy at the probe. If the probe is inside, the walls are moved inward to its
+ * depth until it comes out, so that it is neither kicked out nor let through. */
 static int pandis__begin(pandis__proxy *p, const double *probe) {
     pandis__look look;
     if (!pandis__look_at(p, probe, &look) || (look.distance < 0 && p->flag != PANDIS_OK)) return 0;
@@ -164,7 +164,7 @@ static void pandis__recall(
     pandis__contact *c, const pandis_field *f, double radius, pandis__proxy *p) {
     p->state = c, p->field = f, p->radius = radius;
     p->tolerance = f->kind == PANDIS_NETWORK ? 1e-6 : 1e-11;
-    /* the lattice step; rounding may fold faces */
+    /* for a lattice, one step, because rounding may have folded faces */
     p->blur = f->kind == PANDIS_COMPACT ? f->as.compact.step : PANDIS__BEHIND;
     p->queries = 0, p->flag = PANDIS_OK;
     p->exact = f->kind == PANDIS_MESH || f->kind == PANDIS_COMPACT || f->kind == PANDIS_SHAPE;
@@ -173,7 +173,7 @@ static void pandis__recall(
     memcpy(p->plane, c->plane, (size_t)p->count * sizeof *p->plane);
 }
 
-/* Keep what the next step needs of the proxy. */
+/* Store the part of the proxy's state that the next step needs. */
 static void pandis__retain(
     pandis__contact *c, const pandis__proxy *p, int active, const double *probe) {
     c->planes = p->count < PANDIS__KEPT ? p->count : PANDIS__KEPT;
@@ -186,8 +186,8 @@ static void pandis__retain(
     c->settled = c->close = c->idle = 0;
 }
 
-/* Stretch the spring from the probe to the proxy, by at most a distance, and update the probe's
- * smoothed velocity. */
+/* Stretch the spring from the probe to the proxy, but change it by at most the distance `most`.
+ * Also update the probe's smoothed velocity. */
 static void pandis__stretch(pandis__contact *c, const double *probe, double most, double dt) {
     double pull[3], change = 0;
     for (int k = 0; k < 3; k++) {
@@ -253,7 +253,7 @@ PANDIS_API pandis_flag pandis_contact_step(pandis_contact *handle, const pandis_
     }
     if (!answered) return touch->flag = PANDIS_INVALID;
     pandis__retain(contact, &p, way.active, probe);
-    /* the spring changes by no more than probe and proxy may move */
+    /* the spring changes by no more than the probe and the proxy may move */
     pandis__stretch(contact, probe, 2 * moved + options->slide * dt * per, dt);
     pandis__tell_touch(&p, &way, object, material->damping, touch);
     return touch->flag;

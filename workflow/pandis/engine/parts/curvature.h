@@ -1,8 +1,8 @@
 
 /* -------------------- derivatives of the distance */
 
-/* Finite-difference steps, unit frame: for a gradient in single precision, for a distance in single
- * and in double precision. */
+/* Finite-difference steps (unit frame): for gradients in single precision, for distances in single
+ * precision, and for distances in double precision. */
 #define PANDIS__STEP 1e-3
 #define PANDIS__WIDE_STEP 4e-3
 #define PANDIS__FINE_STEP 1e-4
@@ -107,8 +107,8 @@ static void pandis__bend_round(const pandis_answer *answer, const double *along,
     }
 }
 
-/* Compute the second derivatives of a closed form, which is flat, or round about a point or a line.
- */
+/* Compute the second derivatives of a closed form, which is locally flat, or round about a point or
+ * a line. */
 static void pandis__bend_shape(
     const pandis__shape *s, const double *p, const pandis_answer *answer, double *hessian) {
     double along[3] = {0, 0, 0};
@@ -204,13 +204,13 @@ PANDIS_API pandis_flag pandis_derivatives(
             by_formula = kind == PANDIS_SPLINE
                 ? pandis__bend_spline(&field->as.spline, u, own, bend)
                 : pandis__bend_grid(&field->as.grid, u, own, bend);
-        /* not squared: distances are scaled, too */
+        /* the scale is not squared, because distances are scaled, too */
         for (int i = 0; i < 9; i++) bend[i] *= field->scale;
     }
     if (kind == PANDIS_MESH || kind == PANDIS_COMPACT || kind == PANDIS_SHAPE)
         memcpy(own, answer.normal, sizeof own);
     if (!by_formula) {
-        /* in its box the normal of such a network is the gradient of its distance */
+        /* in the box, the normal of a network with one output is the gradient of its distance */
         int gradients =
             kind == PANDIS_NETWORK && field->as.network.outputs == 1 && answer.flag == PANDIS_OK;
         memset(bend, 0, sizeof bend);

@@ -117,11 +117,12 @@ PANDIS__ONCE static int pandis__open_shape(pandis_field *f) {
     return s->shape >= 0 && s->shape <= PANDIS__CAPSULE;
 }
 
-/* Read the box around the surface, two measured margins and a height. A probe farther outside the
- * box than the first margin touches nothing, nor does one before it has moved by the distance less
- * a margin: the second if the answer is flagged as a bound, else the first. Where an answer in the
- * box is flagged so and positive, no surface is nearer than the height. Without the section,
- * nothing is known. */
+/* Read the box around the surface, two measured margins and a height. A probe that is farther
+ * outside this box than the first margin touches nothing. At a point whose distance is known, a
+ * probe touches nothing before it has moved by that distance less a margin: the second margin if
+ * the answer is flagged as a bound, else the first. Where an answer in the unit box is positive and
+ * flagged as a bound, no surface is nearer than the height. Without the section, nothing is known.
+ */
 PANDIS__ONCE static int pandis__measure(pandis_field *f) {
     const unsigned char *bounds =
         (const unsigned char *)pandis__section(f, "SAFE", 9, sizeof(double));
@@ -188,7 +189,7 @@ PANDIS__ONCE static pandis_error pandis__open(pandis_field *field, const void *d
     for (int k = 0; k < 3; k++)
         if (!(fabs(field->centre[k]) <= 1e150)) return PANDIS_ERROR_CONTENT;
     int good = 0, kind = (int)pandis__u32(p + 32);
-    /* their leaves are of another kind */
+    /* leaves of meshes before version 4 have another format */
     if (kind == PANDIS_MESH && pandis__u32(p + 12) < 4) return PANDIS_ERROR_VERSION;
     if (kind == PANDIS_NETWORK && pandis__whole(field, 0) <= 1024 &&
         pandis__whole(field, 1) <= 16 &&
@@ -301,38 +302,41 @@ PANDIS__ONCE PANDIS_API const char *pandis_error_text(pandis_error error) {
     switch (error) {
     case PANDIS_SUCCESS: return "no error";
     case PANDIS_ERROR_FILE: return "the file cannot be read";
-    case PANDIS_ERROR_FORMAT: return "this is no .pandis file";
-    case PANDIS_ERROR_ENDIAN: return "the file's bytes are in another order than this machine's";
+    case PANDIS_ERROR_FORMAT: return "this is not a .pandis file";
+    case PANDIS_ERROR_ENDIAN: return "the byte order of the file differs from this machine's";
     case PANDIS_ERROR_VERSION:
-        return "the file is of another version: use the pandis.h that came with it";
-    case PANDIS_ERROR_SIZE: return "the file is shorter or longer than it says: copy it again";
+        return "the file and this pandis.h differ in version: use the pandis.h that came with the "
+               "file";
+    case PANDIS_ERROR_SIZE:
+        return "the file is shorter or longer than its header states: copy it again";
     case PANDIS_ERROR_CHECKSUM: return "the file is damaged: copy it again";
     case PANDIS_ERROR_CONTENT:
-        return "what the file says does not fit together, or no field of this kind can do that";
+        return "the contents of the file are inconsistent, or this kind of field does not support "
+               "the operation";
     case PANDIS_ERROR_ALIGNMENT:
         return "the bytes must begin at an address that is a multiple of 8";
     case PANDIS_ERROR_ARITHMETIC:
         return "pandis.h was compiled with flags, or called in a rounding mode, that break its "
-               "arithmetic: leave out -ffast-math and its parts";
+               "arithmetic: compile without -ffast-math and the options that it implies";
     case PANDIS_ERROR_LARGE:
         return "the network is wider or deeper than pandis.h was compiled for: see "
                "PANDIS_MOST_WIDTH";
     case PANDIS_ERROR_RADIUS:
-        return "the probe is larger than the field knows free space around its surface: take a "
+        return "the probe is larger than the known free space around the field's surface: use a "
                "smaller radius";
     case PANDIS_ERROR_KIND:
-        return "a grid of forces knows no distance outside, so it has no contact";
-    case PANDIS_ERROR_VERTEX: return "a vertex is no finite number, or too far away";
+        return "a grid of forces has no distances outside the object, so it cannot have a contact";
+    case PANDIS_ERROR_VERTEX: return "a vertex is not finite, or is too far away";
     case PANDIS_ERROR_POSE:
-        return "an object has no field, or no rotation, scale, place or stiffness that can be";
+        return "an object has no field, or its rotation, scale, place or stiffness is invalid";
     case PANDIS_ERROR_OPTIONS:
-        return "an option of a contact is beyond its range (budget from 8 on, slide and radius "
-               "from 0 on, a texture's steepest at most 15, sliding friction at most the sticking "
-               "one, nothing negative)";
-    case PANDIS_ERROR_COUNT: return "an array is shorter or longer than this takes";
+        return "an option of a contact is beyond its range (budget at least 8, slide and radius at "
+               "least 0, a texture's steepest at most 15, sliding friction at most the sticking "
+               "friction, nothing negative)";
+    case PANDIS_ERROR_COUNT: return "an array is shorter or longer than required";
     case PANDIS_ERROR_HEADER:
-        return "pandis.h is of another version, or packed otherwise, than what was compiled: "
-               "compile both with one header";
+        return "pandis.h and the compiled implementation differ in version or in the packing of "
+               "structures: compile both with the same header";
     default: return "unknown error";
     }
 }

@@ -1,7 +1,7 @@
 /* -------------------- how a proxy follows the probe */
 
-/* Distance that friction and drag let the proxy move to a place `step` away, if it is pressed in by
- * `press`. */
+/* Distance by which friction and drag let the proxy move towards a place `step` away, if the proxy
+ * is pressed in by `press`. */
 static double pandis__rubbed(pandis__contact *c, pandis__way *way, double step, double press) {
     double friction = (c->sticks ? way->sticking : way->sliding) * press;
     if (way->slip < 0) { /* the first call in this step */
@@ -14,8 +14,8 @@ static double pandis__rubbed(pandis__contact *c, pandis__way *way, double step, 
     return fmin(fmax(0, step - friction), way->slip);
 }
 
-/* Find the next target: the point in front of all planes that is nearest to the probe, as far as
- * friction lets the proxy go. Returns its distance. */
+/* Find the next target on the way to the point in front of all planes that is nearest to the probe:
+ * as far along as friction lets the proxy go. Returns the target's distance from the proxy. */
 static double pandis__aim(pandis__proxy *p, pandis__way *way, const double *probe, double *target) {
     way->active = pandis__nearest_in_front(p->plane, p->count, probe, way->goal);
     double wanted = pandis__between(way->goal, p->x), step = wanted;
@@ -56,8 +56,9 @@ static double pandis__aim(pandis__proxy *p, pandis__way *way, const double *prob
     return step;
 }
 
-/* Move the proxy in front of the planes that it is behind by at most a sliver. Planes that it is
- * farther behind are dropped: the proxy is free, so they are beyond an edge. */
+/* If the proxy is behind planes by at most a sliver, move it in front of them. Planes that it is
+ * farther behind are dropped: the proxy is in free space, so these planes must be beyond an edge.
+ */
 static void pandis__come_out(pandis__proxy *p) {
     double place[3], behind = 0;
     for (int i = p->count - 1; i >= 0; i--) {
@@ -71,16 +72,16 @@ static void pandis__come_out(pandis__proxy *p) {
         memcpy(p->x, place, sizeof place);
 }
 
-/* Look again at a plane, from where it is nearer than the other planes that hold the proxy. Returns
- * whether it changed, -1 if there was no answer. `height` becomes a lower bound of the proxy's
- * height, if there is one. */
+/* Look again at a plane, from a point that is nearer to it than to the other planes that hold the
+ * proxy. Returns whether the plane changed, or -1 if there was no answer. `height` becomes a lower
+ * bound of the proxy's height above the surface, or 0 if none is known. */
 static int pandis__look_again(
     pandis__proxy *p, const pandis__plane *plane, double lift, double *height) {
     const pandis__plane held = *plane;
     pandis__look look;
     double at[3], cross[3];
     pandis__lifted(p, p->x, held.normal, lift, at);
-    /* a little aside: on a ridge between faces every plane through it would confirm itself */
+    /* a little aside: right above a ridge, every plane through the ridge would confirm itself */
     if (p->field->kind != PANDIS_SHAPE && p->flat)
         for (int k = 0; k < 3; k++)
             at[k] += PANDIS__ASIDE * lift * (held.normal[(k + 1) % 3] - held.normal[(k + 2) % 3]);
@@ -93,9 +94,10 @@ static int pandis__look_again(
     return pandis__dot(cross, cross) > 1e-18 || *height > p->tolerance;
 }
 
-/* Look again at planes that hold the proxy. If it rests, look at all of them: on a curved surface
- * an old one may no longer apply. Also check whether it has sunk into an unknown wall. If it moves,
- * look only at those seen from far. Returns how many changed, -1 if there was no answer. */
+/* Look again at planes that hold the proxy. If the proxy rests, look at all of them, since on a
+ * curved surface an old plane may no longer apply, and check whether the proxy has sunk into an
+ * unknown wall. If it moves, look only at planes whose foot is distant. Returns how many planes
+ * changed, or -1 if there was no answer. */
 static int pandis__confirm(pandis__proxy *p, const pandis__way *way, int rests) {
     pandis__plane held[PANDIS__PLANES];
     double height = -1, most = -1;
@@ -127,7 +129,7 @@ static int pandis__confirm(pandis__proxy *p, const pandis__way *way, int rests) 
 static int pandis__follow(pandis__proxy *p, pandis__way *way, const double *probe) {
     pandis__contact *c = p->state;
     double target[3];
-    /* known to be free, whatever the planes indicate */
+    /* the probe is in known free space, whatever the planes indicate */
     if (pandis__between(probe, p->ball) < p->ball[4]) {
         memcpy(p->x, probe, 3 * sizeof *probe);
         return 1;
@@ -150,7 +152,7 @@ static int pandis__follow(pandis__proxy *p, pandis__way *way, const double *prob
             c->settled = changed ? c->settled + 1 : 9;
             continue;
         }
-        /* length of a hop, even in a groove */
+        /* a hop can be this long, even in a groove */
         double small = fmin(PANDIS__HOVER / 8, 1.9 * p->ball[3]);
         if (p->queries >= c->options.budget ||
             (way->active && p->queries >= soon && step < small)) {

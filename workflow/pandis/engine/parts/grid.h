@@ -8,7 +8,7 @@ static const float *pandis__at(const pandis__grid *g, const int *i) {
 
 static double pandis__mix(double a, double b, double t) { return a * (1 - t) + b * t; }
 
-/* Find the corner values around a point, x slowest, and its position in the cell. */
+/* Find the corner values around a point, x slowest, and the point's position in its cell. */
 static void pandis__corners(
     const pandis__grid *g, const double *p, const float **corner, double *t) {
     int first[3];

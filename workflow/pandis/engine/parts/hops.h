@@ -3,7 +3,7 @@
 #define PANDIS__SMALL 1e-13 /* shorter motions count as 0 (unit frame) */
 #define PANDIS__ABOVE 4e-6  /* largest height of the proxy above a plane that it touches */
 #define PANDIS__GAP 5e-4    /* largest gap between ball and proxy in an edge or a corner */
-#define PANDIS__ASIDE 1e-3  /* lifts: sideways offset of a second look */
+#define PANDIS__ASIDE 1e-3  /* sideways offset of a second look, in lifts */
 #define PANDIS__SLIVER 2e-4 /* length of a path that need not be known to be free */
 
 /* Whether a look shows a wall that is nearer than all known planes. */
@@ -14,8 +14,9 @@ static int pandis__unknown(const pandis__proxy *p, const pandis__look *look) {
 }
 
 /* Rebuild the chain of balls from the proxy upwards. Each ball overlaps the one below it, and the
- * lowest reaches the proxy to within a sliver. The chain ends at the lift, or where a ball would
- * miss the proxy in an edge by too much. 0: no answer; 2: an unknown wall was met. */
+ * lowest reaches the proxy to within a sliver. The chain ends at the lift, or where, in an
+ * edge, a ball would miss the proxy by too much. Returns 0 if there was no answer, 2 if an unknown
+ * wall was met, else 1. */
 static int pandis__climb(pandis__proxy *p) {
     pandis__contact *c = p->state;
     double at[3], lift = fmin(PANDIS__SLIVER / PANDIS__FARTHEST, c->lift), reached = 0;
@@ -85,7 +86,7 @@ typedef struct {
     int stuck;   /* no further motion was found */
     int turned;  /* number of times that another wall was in the way */
     int refused; /* number of times that a step would have led away from the probe */
-    /* number of balls that did not join the last one, and that did not reach the proxy's place */
+    /* number of balls that did not join the last one, and of balls that did not reach the target */
     int lost, narrow;
     /* whether the chain of balls was rebuilt; number of further looks at distant planes */
     int climbed, confirmed;
@@ -102,8 +103,8 @@ static void pandis__arrive(pandis__proxy *p, pandis__way *way, const double *pla
     memcpy(p->x, place, 3 * sizeof *place);
 }
 
-/* Move towards a place beyond the known free space: to the rim of the ball, from where the next
- * look is taken. */
+/* Move towards a target beyond the known free space: look from the rim of the ball, and move from
+ * there as far as the new ball reaches. */
 static int pandis__go_on(
     pandis__proxy *p, pandis__way *way, const double *at, const double *target) {
     pandis__look look;
@@ -133,8 +134,8 @@ static int pandis__go_on(
     return 1;
 }
 
-/* Start over from the surface at the proxy, which is moved out if it has sunk in by less than a
- * sliver. 0: no answer. */
+/* Start over with the surface at the proxy. If the proxy has sunk in by less than a sliver, move it
+ * out. 0: no answer. */
 static int pandis__emerge(pandis__proxy *p) {
     pandis__look look;
     if (!pandis__look_at(p, p->x, &look)) return 0;
@@ -146,8 +147,8 @@ static int pandis__emerge(pandis__proxy *p) {
 }
 
 /* Look from above the target, and take the free ball there if it joins the last one. Returns 0 if
- * there was no answer, 1 if the hop ends here, 2 if it goes on; `height` is then a lower bound of
- * the target's. */
+ * there was no answer, 1 if the hop ends here, 2 if it goes on. In the last case `height` becomes a
+ * lower bound of the target's height. */
 static int pandis__hop_over(
     pandis__proxy *p, pandis__way *way, const double *target, pandis__look *look, double *height) {
     pandis__contact *c = p->state;
@@ -156,9 +157,9 @@ static int pandis__hop_over(
     if (!pandis__look_at(p, at, look)) return 0;
     int joined =
         look->free > 0 && pandis__between(at, p->ball) <= (p->ball[3] + look->free) * (1 + 1e-9);
-    /* an unknown wall, or one forgotten since */
+    /* the look shows an unknown wall, or one that was forgotten */
     if (!joined && way->active && (!p->flat || pandis__unknown(p, look)) && way->lost++ < 2) {
-        /* the ball must be in front of the foot: else that is a wall's other side */
+        /* the ball must be in front of the foot; else the foot is on a wall's other side */
         double before = 0;
         for (int k = 0; k < 3; k++) before += (p->ball[k] - look->foot[k]) * look->normal[k];
         if (before < 0.5 * p->ball[3] && !pandis__look_at(p, p->x, look)) return 0;
@@ -175,7 +176,7 @@ static int pandis__hop_over(
         way->shrink *= 0.3, c->lift = fmax(0.7 * c->lift, PANDIS__HOVER / 64);
     if (!joined) return way->active && way->shrink > 1e-3 ? 1 : pandis__go_on(p, way, at, target);
     double gap = pandis__between(target, at) - look->free;
-    /* another wall: look from lower, between them */
+    /* another wall is near: next time look from lower down, between the walls */
     if (gap > (p->flat ? PANDIS__GAP : look->free) && way->narrow++ < 6) {
         c->lift = fmax(c->lift * fmin(0.9, fmax(0.4, PANDIS__GAP / gap)), PANDIS__HOVER / 64);
         pandis__learn(p, look, p->x, 0);
@@ -225,7 +226,7 @@ static int pandis__hop(pandis__proxy *p, pandis__way *way, const double *probe, 
         height = near.distance;
         /* on the surface the normal may be an edge's or a fold's */
         if (fabs(height) > p->blur) look = near;
-        /* nothing new */
+        /* the look shows nothing new: NaN marks it as not to be learnt */
         if (height > (p->flat ? -p->blur : -PANDIS__SLIVER)) look.at[0] = (double)NAN;
     }
     if (closely && height < PANDIS__HOVER) {

@@ -31,7 +31,7 @@ PANDIS_API const char *pandis_version(void);
 PANDIS_API pandis_error pandis__check(
     const char *version, size_t field, size_t options, size_t touch);
 
-/* [rt] The meaning of an error, a sentence in static memory. */
+/* [rt] The meaning of an error, as a phrase in static memory. */
 PANDIS_API const char *pandis_error_text(pandis_error error);
 
 /* -------------------- fields */
@@ -39,8 +39,9 @@ PANDIS_API const char *pandis_error_text(pandis_error error);
 /* Open a field from bytes. They are checked, so that no query reads outside them.
  *
  * field    filled in; closed on error
- * data     kept by the caller until the field is closed; aligned to 8 bytes (in C11: _Alignas(8) on
- * an array) size     of the data, bytes */
+ * data     kept by the caller until the field is closed; aligned to 8 bytes
+ *          (in C11: _Alignas(8) on an array)
+ * size     of the data, bytes */
 PANDIS_API pandis_error pandis_open(pandis_field *field, const void *data, size_t size);
 
 #ifndef PANDIS_NO_FILE
@@ -92,8 +93,8 @@ PANDIS_API void pandis_query_within(
     const pandis_field *field, const double point[3], double reach, pandis_answer *answer);
 
 /* [rt] Query one point as pandis_query does, bit for bit. For `exact` meshes this is faster if the
- * previous point with the same hint was near, and slower in the middle of a ball. Other fields do
- * not use the hint.
+ * previous point with the same hint was near. It is slower in the middle of a ball, where very many
+ * faces are about equally near. Other fields do not use the hint.
  *
  * point    mesh units
  * hint     all zero before the first query */
@@ -107,11 +108,12 @@ PANDIS_API pandis_flag pandis_distance(
     const pandis_field *field, const double point[3], double *distance);
 
 /* [rt] The gradient of the distance, and its second derivatives (per mesh unit), row by row. For
- * meshes and closed forms they are those of the nearest feature: 0 next to a face, round next to an
- * edge or a corner. For splines and grids of distances they follow from the formula. Elsewhere
- * (networks, and where the flag is PANDIS_BOUND) they are finite differences over a few thousandths
- * of the object or less. At a crease they are those of one side. Where there is no answer, and for
- * grids of forces, they are NaN and the flag is PANDIS_INVALID. */
+ * meshes and closed forms, they are those of the distance to the nearest feature: the second
+ * derivatives are 0 next to a face, and those of a round surface next to an edge or a corner. For
+ * splines and grids of distances, they follow from the formula. For networks, and where a spline or
+ * a grid has no formula (as where the flag is PANDIS_BOUND), they are finite differences over a few
+ * thousandths of the object or less. At a crease they are those of one side. Where there is no
+ * answer, and for grids of forces, they are NaN and the flag is PANDIS_INVALID. */
 PANDIS_API pandis_flag pandis_derivatives(
     const pandis_field *field, const double point[3], double gradient[3], double hessian[9]);
 
@@ -139,15 +141,15 @@ PANDIS_API void pandis_query_many(const pandis_field *field, const double *point
 PANDIS_API size_t pandis_vertex_count(const pandis_field *field);
 PANDIS_API size_t pandis_refit_room(const pandis_field *field);
 
-/* Open a mesh field with the faces of another one, and with vertices that can move. It need not be
- * closed.
+/* Open a mesh field with the faces of another one, and with vertices that can move. The new field
+ * need not be closed.
  *
  * moving   filled in
  * field    a mesh, which must stay open while `moving` is used
  * room     at least pandis_refit_room bytes of memory, aligned to 8 bytes, kept by the caller
  * size     of the room, bytes
  *
- * Returns PANDIS_SUCCESS, PANDIS_ERROR_CONTENT (no mesh), PANDIS_ERROR_ALIGNMENT or
+ * Returns PANDIS_SUCCESS, PANDIS_ERROR_CONTENT (not a mesh), PANDIS_ERROR_ALIGNMENT or
  * PANDIS_ERROR_COUNT (too little room). */
 PANDIS_API pandis_error pandis_refit_open(
     pandis_field *moving, const pandis_field *field, void *room, size_t size);
@@ -160,8 +162,8 @@ PANDIS_API pandis_error pandis_refit_open(
  * vertices  3 * count doubles, mesh units, in the order of mesh.zarr.zip
  * count     pandis_vertex_count
  *
- * Returns PANDIS_SUCCESS; PANDIS_ERROR_VERTEX, PANDIS_ERROR_COUNT or PANDIS_ERROR_CONTENT, and the
- * old shape stays. */
+ * Returns PANDIS_SUCCESS, PANDIS_ERROR_VERTEX, PANDIS_ERROR_COUNT or PANDIS_ERROR_CONTENT; after an
+ * error the old shape stays. */
 PANDIS_API pandis_error pandis_refit(pandis_field *moving, const double *vertices, size_t count);
 
 #if defined(__GNUC__) || defined(_MSC_VER)
@@ -185,8 +187,9 @@ PANDIS_API pandis_error pandis_handover_open(
 PANDIS_API pandis_error pandis_handover_refit(
     pandis_handover *handover, const double *vertices, size_t count);
 
-/* [rt] Set `moving` to the newest complete shape, at the beginning of a tick. It then does not
- * change until the next call. Returns 1 if the shape is new, and in the first call; else 0. After
- * 1, notify scenes (pandis_scene_moved) and contacts (pandis_contact_reshaped). */
+/* [rt] Set `moving` to the newest complete shape, at the beginning of a tick. The shape then
+ * does not change until the next call. Returns 1 if the shape is new, as it is in the first call;
+ * else 0. If 1 is returned, notify scenes (pandis_scene_moved) and contacts
+ * (pandis_contact_reshaped). */
 PANDIS_API int pandis_handover_take(pandis_handover *handover, pandis_field *moving);
 #endif

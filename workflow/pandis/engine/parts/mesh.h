@@ -2,9 +2,8 @@
 
 /* Input of a search (unit frame): how far to look, and a guess of the distance to the nearest face,
  * which may be wrong. Output: the closest point, its face in mesh.zarr.zip (-1: unknown), the place
- * of that face in the field's own order
- * (-1: none), whether the point lies on a corner or an edge, and the direction of that edge (else
- * 0). */
+ * of that face in the field's own order (-1: none), whether the point lies on a corner or an edge,
+ * and the direction of that edge (else 0). */
 typedef struct {
     double reach, guess, closest[3];
     int32_t face, place, round;
@@ -16,7 +15,7 @@ typedef struct {
 
 typedef struct {
     double weights[3], offset[3], distance; /* offset: from the closest point to the query */
-    /* where it lies: a corner, an edge (k to k + 1), or -1, -1 */
+    /* the corner or the edge (k to k + 1) that contains the closest point; -1: none */
     int corner, edge;
 } pandis__foot;
 
@@ -56,8 +55,8 @@ static void pandis__edge_foot(
     *s = t, *squared = pandis__dot(offset, offset);
 }
 
-/* Find the closest point on a triangle's edges, and its corner or edge. Returns the squared
- * distance. */
+/* Find the closest point on a triangle's edges, and the corner or edge that contains it. Returns
+ * the squared distance. */
 static double pandis__rim_foot(const double *const *c, const double *p, pandis__foot *foot) {
     double best = (double)INFINITY;
     memset(foot, 0, sizeof *foot);
@@ -125,7 +124,7 @@ static void pandis__find_mesh_foot(
     pandis__find_foot(c, p, foot);
 }
 
-/* Add a face's normal to that of its k-th corner, weighted by its angle there. */
+/* Add a face's normal, weighted by the angle at its k-th corner, to the normal of that corner. */
 static void pandis__corner_normal(
     const pandis__mesh *t, int32_t face, int k, const double *n, double *sum) {
     const double *p = pandis__corner(t, face, k), *q = pandis__corner(t, face, (k + 1) % 3);
@@ -137,7 +136,7 @@ static void pandis__corner_normal(
     for (int i = 0; i < 3; i++) sum[i] += angle * n[i];
 }
 
-/* Compute the normal of a vertex; if the mesh moves, from its current faces. */
+/* Get the normal of a vertex: the stored one or, if the mesh moves, that of its current faces. */
 static void pandis__vertex_normal(const pandis__mesh *t, int32_t vertex, double *n) {
     if (!t->around) {
         memcpy(n, t->vertex_normals + 3 * (ptrdiff_t)vertex, 3 * sizeof *n);
@@ -170,9 +169,9 @@ static void pandis__pseudonormal(
     if (!known) n[0] = n[1] = 0, n[2] = 1;
 }
 
-/* Whether no coordinate of a point exceeds the largest of the vertices. Beyond, the point is
- * outside: very far away all triangles are equally near, and their normals do not determine the
- * side. */
+/* Whether no coordinate of a point exceeds the vertices' largest coordinate. A point beyond that is
+ * outside: very far away all triangles are about equally near, so their normals do not determine
+ * the side. */
 static int pandis__within(const pandis__mesh *t, const double *p) {
     return fabs(p[0]) <= t->reach && fabs(p[1]) <= t->reach && fabs(p[2]) <= t->reach;
 }

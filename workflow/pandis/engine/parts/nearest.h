@@ -1,8 +1,8 @@
 
 /* -------------------- the nearest face of a mesh
  *
- * Candidates for the nearest face are found in single precision, by leaves; double precision
- * decides. */
+ * Candidates for the nearest face are found in single precision, leaf by leaf. The nearest of them
+ * is then chosen in double precision. */
 
 /* The keys of a node's boxes: lower bounds of the squared distances to their contents. */
 PANDIS__INLINE void pandis__box_keys(const pandis__node *PANDIS__RESTRICT n,
@@ -54,7 +54,7 @@ PANDIS__INLINE void pandis__four_squared(const pandis__mesh *t, const int32_t *f
         double wx = vx - ux, wy = vy - uy, wz = vz - uz, bx = x - ux, by = y - uy, bz = z - uz;
         double nx = uy * vz - uz * vy, ny = uz * vx - ux * vz, nz = ux * vy - uy * vx;
         double det = nx * nx + ny * ny + nz * nz;
-        /* an edge without length gives 0 / 0 = NaN, which counts as 0; with a face without area,
+        /* an edge without length gives 0 / 0 = NaN, which counts as 0; for a face without area,
          * the foot counts as outside */
         double s = pandis__clamp01(du * (1 / uu)), r = pandis__clamp01(dv * (1 / vv));
         double rx = x - s * ux, ry = y - s * uy, rz = z - s * uz;
@@ -75,7 +75,7 @@ PANDIS__INLINE void pandis__four_squared(const pandis__mesh *t, const int32_t *f
     }
 }
 
-#define PANDIS__MAYBE 12 /* capacity of the queue of faces for double precision */
+#define PANDIS__MAYBE 12 /* capacity of the queue of faces that wait for double precision */
 
 /* State of a search for the nearest face: an upper bound of its distance; the nearest face computed
  * in double precision, and its squared distance; how many nodes, leaves and faces may still be
@@ -92,7 +92,7 @@ typedef struct {
     } maybe[PANDIS__MAYBE];
 } pandis__seeking;
 
-/* Largest squared distance in single precision of a face within a limit. */
+/* Largest squared distance that a face within a limit can have in single precision. */
 static double pandis__may_seem(double limit, const float *slack) {
     double most = (limit + (double)slack[0]) * (1 + 2 * (double)slack[1]);
     return most * most * (1 + 1e-6);
@@ -121,8 +121,8 @@ PANDIS__INLINE void pandis__settle(const pandis__mesh *t, const double *p, pandi
     s->count = 0;
 }
 
-/* The 24 triangle vertices of a leaf of a mesh that moves, stored after the corners on each vertex.
- */
+/* The vertices of the eight triangles of a leaf, for a mesh that moves. They are stored after the
+ * lists of corners at each vertex. */
 static const int32_t *pandis__leaf_vertices(const pandis__mesh *t, ptrdiff_t leaf) {
     return t->corners_at + 3 * (ptrdiff_t)t->face_count + 3 * PANDIS__WIDTH * leaf;
 }
@@ -139,8 +139,8 @@ PANDIS__APART static void pandis__moved_triangles(
 }
 
 /* Compute squared distances to the triangles of a leaf in single precision, and their error bounds.
- * Returns the smallest. If single precision cannot represent the squares, they are zeros, and -1 is
- * returned. */
+ * Returns the smallest squared distance. If single precision cannot represent the squares, they are
+ * set to zero, and -1 is returned. */
 PANDIS__INLINE double pandis__seem(
     const pandis__mesh *t, const pandis__leaf *leaf, const double *p, double *seems, float *slack) {
     float v[3][3][PANDIS__WIDTH], q[3] = {0, 0, 0}, d[PANDIS__WIDTH] = {0};
@@ -255,8 +255,8 @@ PANDIS__COMPILE(
     pandis__seek_best, (const pandis__mesh *t, const double *p, pandis__seeking *s), (t, p, s))
 
 /* Find the nearest face within `limit`, by its distance in double precision; INT32_MAX if there is
- * none. `clear`: if the search was cut short, the least distance of all other faces; else infinite.
- */
+ * none. If the search was cut short, `clear` becomes a lower bound of the distances to all other
+ * faces; else infinite. */
 static int32_t pandis__nearest(
     const pandis__mesh *t, const double *p, double limit, double *clear) {
     pandis__seeking s;
@@ -303,8 +303,9 @@ static int pandis__nodes_between(
     return met;
 }
 
-/* Find the side of a point (-1: inside) from the first face on the segment to a target, which is
- * free up to the share `from`. If the segment meets too many faces, the target's face decides. */
+/* Find the side of a point (-1: inside) from the first face on the segment to a target. The segment
+ * is free up to the share `from` of its length. If it meets too many faces, the target's face
+ * decides. */
 PANDIS__APART static double pandis__first_sign(
     const pandis__mesh *t, const double *p, const double *target, const double *n, double from) {
     int32_t stack[PANDIS__STACK], left = t->most;
@@ -354,7 +355,7 @@ PANDIS__APART static pandis_flag pandis__answer_mesh(const pandis__mesh *t, cons
     pandis__start *begin, double *distance, double *normal, double *clear) {
     pandis__foot foot;
     double limit = begin->guess * (1 + 1e-9) + 1e-12 * t->reach; /* with a margin for rounding */
-    /* a reach, with a margin for the errors of leaves on slivers */
+    /* search up to the reach, plus a margin for the errors of leaves with sliver triangles */
     int beyond = begin->reach < 1e18 && begin->reach < limit;
     if (beyond) limit = begin->reach * (1 + 1e-6) + 1e-5 * t->reach;
     int32_t face = pandis__nearest(t, u, limit, clear);
@@ -363,7 +364,7 @@ PANDIS__APART static pandis_flag pandis__answer_mesh(const pandis__mesh *t, cons
         *clear = begin->reach;
         return PANDIS_BEYOND;
     }
-    /* if cut short, a search with a limit may end elsewhere: repeat it without one */
+    /* a search with a limit may find another face if it is cut short: repeat it without a limit */
     if ((face == INT32_MAX || cut) && limit < (double)INFINITY)
         face = pandis__nearest(t, u, (double)INFINITY, clear);
     if (face == INT32_MAX) return PANDIS_INVALID;

@@ -1,7 +1,7 @@
 /* -------------------- networks */
 
-/* Reading the weights limits the speed of a network: prefetch the next rows while these are used.
- */
+/* Reading the weights limits the speed of a network: prefetch the next rows while the current ones
+ * are used. */
 #if PANDIS__VECTOR > 1
 #define PANDIS__FETCH(p) __builtin_prefetch(p)
 #else
@@ -154,8 +154,8 @@ static int pandis__fits_four(const pandis__network *n) {
     return 4 * (ptrdiff_t)n->stride * pandis__rows(n) <= PANDIS__ROOM;
 }
 
-/* Go back through a network of one output, from the slopes of its sines to its gradients (4 numbers
- * apart). `h` and `z` are room for a layer of all points. */
+/* Go back through a network with one output: compute its gradients, stored 4 numbers apart, from
+ * the slopes of its sines. `h` and `z` each have room for one layer of all points. */
 PANDIS__INLINE void pandis__network_gradient(
     const pandis__network *n, int count, const float *slopes, float *h, float *z, float *gradient) {
     int stride = n->stride;
@@ -186,8 +186,8 @@ PANDIS__INLINE void pandis__network_gradient(
 }
 
 /* Evaluate x -> sin(W x + b) ... -> phi and psi, or phi and its gradient; w0 is folded into W and
- * b. Four points share one pass over the weights; the answers are the same as for one. If normals
- * are NULL, no gradient is computed. */
+ * b. Four points share one pass over the weights; the answers are the same as for single points. If
+ * normals are NULL, no gradient is computed. */
 PANDIS__INLINE void pandis__answer_network_body(const pandis__network *n, int count, double (*u)[3],
     double *distance, double (*normal)[3], pandis_flag *flag) {
     float room[PANDIS__ROOM], result[4][4] = {{0}};

@@ -32,35 +32,35 @@ typedef struct {
 /* A height above the surface, which a proxy feels. It is never negative, so walls are as tight as
  * without a texture. The proxy follows slopes up to about 0.65; on steeper ones it falls behind. */
 typedef struct {
-    /* the height, from 0 to `most`, and its gradient, no longer than `steepest`, at a point of the
-     * surface (mesh units) in a region (pandis_answer). It is called in the loop, so it must be
-     * [rt], too */
+    /* returns the height, from 0 to `most`, at a point of the surface (mesh units) in a region
+     * (pandis_answer), and sets its gradient, which is no longer than `steepest`. The loop calls
+     * this function, so it must be [rt], too */
     double (*height)(const void *data, const double point[3], int region, double gradient[3]);
     const void *data; /* passed on to `height` */
     double most;      /* mesh units, from 0 on */
     double steepest;  /* from 0 to 15: steeper textures let a probe through thin walls */
 } pandis_texture;
 
-/* [rt] A height for textures: waves that vary along a direction of unit length; steepest 3.15 *
- * height / length. */
+/* [rt] A height for textures: waves that vary along a direction of unit length. Their `steepest`
+ * is 3.15 * height / length. */
 typedef struct {
     double height, length, direction[3]; /* mesh units */
 } pandis_ridges;
 PANDIS_API double pandis_waves(
     const void *ridges, const double point[3], int region, double gradient[3]);
 
-/* [rt] A height for textures: pseudorandom bumps, one per cube of side `length`; steepest 3.25 *
- * height / length. */
+/* [rt] A height for textures: pseudorandom bumps, one per cube of side `length`. Their `steepest`
+ * is 3.25 * height / length. */
 typedef struct {
     double height, length; /* mesh units */
 } pandis_bumps;
 PANDIS_API double pandis_noise(
     const void *bumps, const double point[3], int region, double gradient[3]);
 
-/* [rt] A texture for each region: `count` of them, in the order of the regions; a NULL height is
- * smooth. The first texture also applies to places without a region, or with a region >= `count`,
- * as with materials. The combined texture has pandis_by_region as its height, and the largest
- * `most` and `steepest` of them all. */
+/* [rt] A texture for each region: `count` of them, in the order of the regions; if `height` is
+ * NULL, the region is smooth. The first texture also applies to places without a region, or with a
+ * region >= `count`, as with materials. The combined texture has pandis_by_region as its height,
+ * and the largest `most` and `steepest` of them all. */
 typedef struct {
     const pandis_texture *textures;
     int32_t count;
@@ -79,14 +79,14 @@ PANDIS_API double pandis_by_region(
 typedef struct {
     /* of the proxy, scene lengths; 0: a point. Up to 1e100 for meshes, compact meshes, closed forms
      * and networks; for splines and grids up to 0.95 of the height above the surface that they
-     * cover (by default 1 mm of 100), else PANDIS_ERROR_RADIUS. Default 0 */
+     * cover (by default 1 mm for an object of 100 mm), else PANDIS_ERROR_RADIUS. Default 0 */
     double radius;
     /* largest excess of the proxy's speed over the probe's: scene lengths per second, at least 0.
      * It limits jumps of the force at ridges. Default: half the object's longest side */
     double slide;
     /* number of queries after which a step ends (a started look may add two, and `regions` one);
-     * the next step continues it. At least 8: with fewer, every step would start over. Default 24
-     */
+     * the next step goes on from there. At least 8: with fewer, every step would start over.
+     * Default 24 */
     int32_t budget;
     /* one per region, kept by the caller, who may change values between steps. The first also
      * applies to places with no region, or with one beyond the last. NULL: smooth */
@@ -123,8 +123,8 @@ typedef enum {
 /* Result of a step, in units and directions of the scene. */
 typedef struct {
     double force[3], proxy[3];
-    /* of the surface, or of several combined, against which the proxy is pressed; 0 if there is
-     * none */
+    /* of the surface against which the proxy is pressed, or of several surfaces combined; 0 if
+     * there is none */
     double normal[3];
     double depth;     /* how far the probe is pressed past the proxy, along the normal */
     double slip;      /* how far the proxy slid along the surface */
@@ -158,18 +158,19 @@ PANDIS_API pandis_error pandis_contact_set(
     pandis_contact *contact, const pandis_contact_options *options);
 
 /* [rt] Move the probe. The proxy follows it through free space and never goes through the surface,
- * however thin a wall is. Along the surface it takes short steps, on up to three planes at once, of
- * eight that it stores.
+ * however thin a wall is. Along the surface it takes short steps. Up to three planes hold it
+ * at once, of the eight that it stores.
  *
- * object    its pose may differ from the last step's: the proxy moves with it. With another field
- * or scale the contact restarts; if the probe is then inside, the state is PANDIS_WAITING position
- * of the probe, scene lengths dt        seconds since the last step, more than 0. Tested with steps
- * of 0.2 to 5 ms
+ * object    its pose may differ from the last step's: the proxy moves with the object.
+ *           With another field or scale the contact restarts; if the probe is then inside,
+ *           the state is PANDIS_WAITING
+ * position  of the probe, scene lengths
+ * dt        seconds since the last step, more than 0. Tested with steps of 0.2 to 5 ms
  *
- * Returns touch->flag. PANDIS_INVALID, where position, dt, the stiffness or a material is out of
- * range, means no force in this tick: it drops to zero at once. Apart from damping, the force
- * changes by at most the object's stiffness times (twice the probe's motion + slide * dt). A jump
- * of the object counts as motion of the probe. */
+ * Returns touch->flag. PANDIS_INVALID means that there is no force in this tick: it drops to zero
+ * at once. This happens if the position, dt, the stiffness or a material is out of range. Apart
+ * from damping, the force changes by at most the object's stiffness times (twice the probe's motion
+ * + slide * dt). A jump of the object counts as motion of the probe. */
 PANDIS_API pandis_flag pandis_contact_step(pandis_contact *contact, const pandis_object *object,
     const double position[3], double dt, pandis_touch *touch);
 

@@ -25,18 +25,18 @@
  *
  * Positions and distances are in the units of the mesh that the field was made from; distances are
  * negative inside, normals point outward and have unit length. Queries do not change a field: any
- * number of threads may query it. The file format: docs/format.md of pandis.
+ * number of threads may query it. The file format is described in docs/format.md of pandis.
  *
  * C99 or later, or C++11 or later. No flags are needed: with -O2 alone it is about as fast as with
  * -O3 -march=native, since GCC and clang also compile the hot functions for AVX2, which is used on
  * x86-64 machines that have it (not on Windows; PANDIS_NO_DISPATCH disables this). Results are
  * bit-identical for all compilers, machines and vector widths (except clang with
- * -ffp-contract=fast). With -ffast-math or x87 arithmetic it does not compile: answers would be
- * wrong. pandis_open tests for options of -ffast-math that define no macro. A query needs at most 8
- * KB of stack, or 80 KB for a network. With a smaller PANDIS_MOST_WIDTH and PANDIS_MOST_DEPTH (by
- * default 1024 and 16) this is four bytes times (depth + 2) times width. Define PANDIS_API as
- * `static inline` to keep the names to one source file, and PANDIS_NO_FILE to leave out the
- * functions that open files.
+ * -ffp-contract=fast). With -ffast-math or x87 arithmetic it does not compile, because answers
+ * would be wrong. pandis_open tests for options of -ffast-math that define no macro. A query needs
+ * at most 8 KB of stack, or 80 KB for a network. With a smaller PANDIS_MOST_WIDTH and
+ * PANDIS_MOST_DEPTH (by default 1024 and 16), a network needs four bytes times (depth + 2) times
+ * width. Define PANDIS_API as `static inline` to keep the names to one source file, and
+ * PANDIS_NO_FILE to leave out the functions that open files.
  *
  * For a real-time loop: open fields before the loop (a file is read and checked, which
  * takes 4 ms per megabyte), lock the process's memory (mlockall(MCL_CURRENT | MCL_FUTURE); on

@@ -1,15 +1,15 @@
 /* -------------------- closest points of a packed mesh
  *
  * The mesh's vertices lie on a lattice. Its faces are stored in blocks of up to 64. Each block
- * has separate corners, in as few bits as possible, and eight boxes around eight faces each; a tree
+ * has its own corners, in as few bits as possible, and eight boxes around eight faces each; a tree
  * of eight-wide branches leads to the blocks. The nearest face is found in single precision,
- * relative to the block; its closest point and the answer are then computed in double.
+ * relative to the block; its closest point and the answer are then computed in double precision.
  *
  * The side of a point whose closest point lies on an edge or a corner: all points with that closest
  * point form a convex cone that the surface does not enter, so they are on the same side. Two bits
- * store it, and no neighbour is needed. Where faces around are nearly coplanar, and inside faces,
- * the face itself determines the side. Where the lattice has folded the surface over itself no face
- * does: there ray crossings are counted. */
+ * store this side, so no neighbouring face is needed. Where the faces around the edge or corner are
+ * nearly coplanar, and inside faces, the nearest face itself determines the side. Where rounding to
+ * the lattice has folded the surface over itself, no face does; ray crossings are counted there. */
 
 enum { PANDIS__BY_FACE, PANDIS__OUTSIDE, PANDIS__INSIDE, PANDIS__BY_RAY };
 
@@ -114,8 +114,8 @@ PANDIS__INLINE void pandis__byte_bounds(const unsigned char *PANDIS__RESTRICT bo
 }
 
 /* Squared distances to the eight triangles of a group. Their normals are exact as long as sides are
- * shorter than 2^12 steps; the closest point inside a triangle is off by rounding over the sine of
- * its narrowest corner. */
+ * shorter than 2^12 steps. The error of the closest point inside a triangle is that of rounding,
+ * divided by the sine of the triangle's narrowest angle. */
 PANDIS__INLINE void pandis__group_distances(const pandis__packed *b, int group,
     const float *PANDIS__RESTRICT q, float *PANDIS__RESTRICT out) {
     float v[3][3][PANDIS__WIDTH];

@@ -15,8 +15,8 @@ static double pandis__height(const pandis__plane *p, const double *x) {
 }
 
 /* Find the point on two or three planes that is nearest to a goal, if it is also the nearest one in
- * front of them: each plane must push. Returns 0 if one does not, or if they are nearly parallel.
- */
+ * front of them, that is, if each plane pushes. Returns 0 if a plane does not push, or if the
+ * planes are nearly parallel. */
 static int pandis__onto(const pandis__plane *planes, const int *which, int count,
     const double *under, const double *goal, double *y) {
     const double *a = planes[which[0]].normal, *b = planes[which[1]].normal;
@@ -47,8 +47,9 @@ static int pandis__onto(const pandis__plane *planes, const int *which, int count
     return 1;
 }
 
-/* Whether a set of planes determines the point: the goal is behind one of them, and the point is in
- * front of all others. Returns a bit for each, or 0. */
+/* Find the point nearest to a goal on one to three planes. It counts if the goal is behind one of
+ * these planes, and the point in front of all other planes. Returns a bit mask of these planes,
+ * or 0 if the point does not count. */
 static int pandis__gives(const pandis__plane *planes, int count, const int *which, int size,
     const double *under, int behind, const double *goal, double *y) {
     int set = 0;

@@ -32,8 +32,8 @@ static void pandis__turn_by(const double *p, const double *q, double *both) {
     both[3] = p[0] * q[3] + p[1] * q[2] - p[2] * q[1] + p[3] * q[0];
 }
 
-/* Compute the rotation by a spin in `dt` seconds, at most half a turn, from a series for a
- * sixteenth of it: the sines of libraries differ in their last bits. */
+/* Compute the rotation by a spin in `dt` seconds, at most half a turn. A series gives a sixteenth
+ * of this rotation, because the sines of libraries differ in their last bits. */
 static void pandis__spun(const double *spin, double dt, double *q) {
     double half[3], whole[4];
     for (int k = 0; k < 3; k++) half[k] = spin[k] * dt / 32;

@@ -2,19 +2,19 @@
  *
  * Everything is in the object's unit frame. The proxy is a point; a probe of radius r offsets the
  * surface by r. The known free space is a ball around a point a little above the proxy, as large as
- * the distance there. The proxy goes from ball to ball. Each overlaps the one before, so no surface
- * is on its path. The surface is represented by planes, each through the foot of a point that was
- * looked at. */
+ * the distance there. The proxy goes from ball to ball. Each ball overlaps the one before, so no
+ * surface is on the proxy's path. The surface is represented by planes. Each goes through the
+ * foot of a point that was looked at. */
 
 #define PANDIS__HOVER 0.004 /* height from which the surface is looked at */
 #define PANDIS__FARTHEST 2  /* largest distance from which a place is looked at, in lifts */
-/* distance of the foot from which a plane is forgotten, in lifts */
+/* a plane is forgotten if its foot is farther away than this, in lifts */
 #define PANDIS__STALE 4
 /* cosine of the angle below which two planes count as nearly equal */
 #define PANDIS__ALIKE 0.99
 /* a surface no farther behind a plane than this counts as in front of it */
 #define PANDIS__BEHIND 1e-8
-#define PANDIS__TRUSTED 0.8      /* free share of an approximate distance to the felt surface */
+#define PANDIS__TRUSTED 0.8      /* free share of an approximate distance to the surface as felt */
 #define PANDIS__LEAST_SHARE 0.25 /* likewise, of a distance that is flagged as a bound */
 #define PANDIS__GUESSED 0.05     /* assumed excess of a distance if the file does not state it */
 
@@ -24,20 +24,20 @@ enum { PANDIS__BEGINS, PANDIS__CLEAR, PANDIS__TOUCHES };
 typedef struct {
     pandis__contact *state;
     const pandis_field *field;
-    /* offset of the walls from the surface; less where the probe began nearer */
+    /* offset of the walls from the surface; less if the probe began nearer than that */
     double radius;
     double tolerance; /* for comparing planes */
     double blur;      /* a surface this near, or this little behind a plane, is ignored */
     int exact;        /* the field's distances are exact, not approximate */
-    int flat;         /* and that surface is the one felt */
+    int flat;         /* exact, and no texture changes the surface */
     int queries, count;
     pandis_flag flag;
     pandis__plane plane[PANDIS__PLANES];
     double *x, *ball;
 } pandis__proxy;
 
-/* Result of a look at a point: distance, radius of the free ball around it and of the one that can
- * be entered without a look, foot and normal of the surface. */
+/* Result of a look at a point: the distance, the radius of the free ball around the point and of
+ * the ball that can be entered without a look, and the normal and foot of the surface. */
 typedef struct {
     double at[3], distance, free, sure, normal[3], foot[3];
     int32_t face, region;
@@ -130,10 +130,11 @@ static void pandis__drop(pandis__proxy *p, int index) {
     p->count--;
 }
 
-/* Forget planes that the last look shows not to be the surface here: those from which the surface
- * bends away (the new foot is behind them or, where the planes meet, not in front of them; from
- * inside, this may hold in any corner), those that pass through a free place, and those seen from
- * too far away. */
+/* Forget planes that the last look shows not to be the surface here. The surface bends away from a
+ * plane if the new foot is behind it or, where both planes are nearly parallel, not in front of it;
+ * a look from inside does not count, since from there this may hold in any corner. Planes through a
+ * free place, planes with the same normal as the new one, and planes whose foot is too far away are
+ * forgotten, too. */
 static void pandis__forget(
     pandis__proxy *p, const pandis__plane *seen, int inside, const double *place, double height) {
     double stale = PANDIS__STALE * PANDIS__HOVER;
@@ -153,15 +154,15 @@ static void pandis__forget(
     }
 }
 
-/* Add the plane of a look as the last one. The proxy would be at `place`, at least `height` above
- * the surface. */
+/* Add the plane of a look as the last one. If the proxy were at `place`, it would be at least
+ * `height` above the surface. */
 static void pandis__learn(
     pandis__proxy *p, const pandis__look *look, const double *place, double height) {
     pandis__plane seen;
     memcpy(seen.normal, look->normal, sizeof seen.normal);
     memcpy(seen.foot, look->foot, sizeof seen.foot);
     seen.offset = pandis__dot(seen.normal, seen.foot);
-    /* of two that face each other without a gap, the nearer is a fold */
+    /* of two planes that face each other without a gap, the nearer one is a fold */
     for (int i = p->count - 1; i >= 0; i--) {
         double gap = pandis__height(p->plane + i, seen.foot);
         if (pandis__dot(p->plane[i].normal, seen.normal) > -PANDIS__ALIKE || fabs(gap) > p->blur)
@@ -173,7 +174,7 @@ static void pandis__learn(
     if (p->count == PANDIS__PLANES) pandis__drop(p, 0);
     p->plane[p->count++] = seen;
     p->state->face = look->face;
-    /* else it is queried once a step */
+    /* else the region is queried once per step */
     if (p->field->regions || !p->state->options.regions) p->state->region = look->region;
 }
 
@@ -182,10 +183,10 @@ static double pandis__between(const double *a, const double *b) {
     return sqrt(pandis__dot(off, off));
 }
 
-/* Find the point from which to look whether the proxy can be at a place: the nearest one that is
- * `lift` above all planes, and twice that above planes unlike `nearest`, if it is not NULL. Where
- * planes meet at a sharp angle or face each other, no such point is near: there the lift is
- * reduced. */
+/* Find the point from which to check whether the proxy can be at a place: the nearest point that is
+ * `lift` above all planes. If `nearest` is not NULL, the point is twice as high above planes that
+ * are unlike it. Where planes meet at a sharp angle or face each other, no such point is near, so
+ * the lift is reduced. */
 static void pandis__lifted(
     const pandis__proxy *p, const double *place, const double *nearest, double lift, double *at) {
     pandis__plane raised[PANDIS__PLANES];

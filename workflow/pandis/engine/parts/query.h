@@ -28,7 +28,7 @@ static int pandis__unit(const pandis_field *field, const double *point, double *
     return finite;
 }
 
-/* Convert distance, direction and flag (unit frame) to an answer in mesh units. */
+/* Convert a distance, a direction and a flag (unit frame) to an answer in mesh units. */
 static void pandis__tell(const pandis_field *field, double d, double *n, double clear,
     pandis_flag flag, pandis_answer *answer) {
     if (flag != PANDIS_INVALID && !(fabs(d) <= 4e150 && pandis__dot(n, n) <= 1e300))

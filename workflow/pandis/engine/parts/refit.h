@@ -1,7 +1,7 @@
 /* -------------------- meshes that move
  *
- * A refit writes only the vertices and the boxes around them: queries compute triangles and vertex
- * normals from the vertices where they are needed. */
+ * A refit writes only the vertices, the boxes around them, and the error bounds of leaves. Queries
+ * compute triangles and vertex normals from the vertices where they need them. */
 
 static uint64_t pandis__whole_words(uint64_t bytes) { return (bytes + 7) / 8 * 8; }
 
@@ -99,7 +99,7 @@ PANDIS__ONCE PANDIS_API pandis_error pandis_refit_open(
     for (int32_t leaf = 0; leaf < m->leaf_count; leaf++)
         slacks[leaf][0] = m->leaves[leaf].slack, slacks[leaf][1] = m->leaves[leaf].share;
     *moving = *field;
-    moving->mapped = 0; /* the bytes belong to the field, which frees them */
+    moving->mapped = 0; /* the bytes belong to the original field, which frees them */
     pandis__mesh *own = &moving->as.mesh;
     own->vertices = vertices, own->nodes = nodes, own->around = around,
     own->corners_at = corners_at;

@@ -10,8 +10,8 @@ static void pandis__enter(const pandis_object *o, const double *point, double *p
             o->scale;
 }
 
-/* Query a point in the mesh's coordinates, and add its penalty force: none outside, or without an
- * answer. */
+/* Query a point in the mesh's coordinates, and add its penalty force. There is none outside, or if
+ * there is no answer. */
 static void pandis__add_force(
     const pandis_object *o, const double *p, pandis_answer *answer, double *force) {
     pandis_query(o->field, p, answer);
@@ -34,7 +34,7 @@ PANDIS_API pandis_flag pandis_object_force(
     return answer.flag;
 }
 
-/* Whether a matrix is a rotation within 1e-6, and a translation finite. */
+/* Whether a matrix is a rotation to within 1e-6, and a translation at most 1e100. */
 static int pandis__places(const double *rotation, const double *translation) {
     double most = 0, across[3];
     for (int i = 0; i < 3; i++) {
@@ -56,8 +56,8 @@ static int pandis__lies(const pandis_object *o) {
         o->stiffness <= PANDIS__STIFFEST;
 }
 
-/* A scene keeps two balls per object in which it cannot be touched: one for penalty forces, one for
- * contacts, whose proxies may be elsewhere. Centres and squared radii are stored in blocks,
+/* A scene keeps two balls per object in which the object cannot be touched: one for penalty forces,
+ * one for contacts, whose proxies may be elsewhere. Centres and squared radii are stored in blocks,
  * coordinate by coordinate. */
 enum { PANDIS__OF_FORCES, PANDIS__OF_CONTACTS };
 
@@ -84,13 +84,13 @@ static double pandis__clearance(const pandis_field *f, const double *u) {
     return sqrt(pandis__dot(off, off)) - f->margin[0];
 }
 
-/* The worse of two flags, in this order: no answer, an estimate, a search cut short. */
+/* The worse of two flags, worst first: no answer, an estimate, a search that was cut short. */
 static pandis_flag pandis__worse(pandis_flag one, pandis_flag other) {
     static const int rank[] = {0, 2, 3, 1, 0}; /* by flag */
     return rank[one] > rank[other] ? one : other;
 }
 
-/* Query an object if it may be touched at a point; keep the ball where it cannot be. */
+/* Query an object if it may be touched at a point, and keep the ball in which it cannot be. */
 static pandis_flag pandis__visit(
     pandis__scene *scene, size_t index, const double *point, double *force) {
     const pandis_object *o = scene->objects + index;

@@ -19,12 +19,13 @@ typedef union {
 
 /* Begin a scene.
  *
- * objects      `count` objects, kept by the caller, who may change them between calls: see
- * pandis_scene_moved room         memory of at least PANDIS_SCENE_ROOM(count) doubles, kept by the
- * caller room_length  number of doubles in `room`
+ * objects      `count` objects, kept by the caller, who may change them between calls:
+ *              see pandis_scene_moved
+ * room         memory of at least PANDIS_SCENE_ROOM(count) doubles, kept by the caller
+ * room_length  number of doubles in `room`
  *
- * Returns PANDIS_SUCCESS; PANDIS_ERROR_POSE: invalid objects are left out; or PANDIS_ERROR_COUNT:
- * the scene is empty. */
+ * Returns PANDIS_SUCCESS; PANDIS_ERROR_POSE if objects are invalid, which are left out; or
+ * PANDIS_ERROR_COUNT if there is too little room, and the scene is empty. */
 PANDIS_API pandis_error pandis_scene_open(pandis_scene *scene, const pandis_object *objects,
     size_t count, double *room, size_t room_length);
 
@@ -33,14 +34,14 @@ PANDIS_API pandis_error pandis_scene_open(pandis_scene *scene, const pandis_obje
  *
  * object   its index
  *
- * Returns PANDIS_SUCCESS; PANDIS_ERROR_POSE: the object is left out until it is valid; or
- * PANDIS_ERROR_COUNT: there is no such object. */
+ * Returns PANDIS_SUCCESS; PANDIS_ERROR_POSE if the object is invalid: it is left out until this
+ * function finds it valid; or PANDIS_ERROR_COUNT if there is no such object. */
 PANDIS_API pandis_error pandis_scene_moved(pandis_scene *scene, size_t object);
 
 /* [rt] The sum of the penalty forces of all objects, in their order: bit for bit that of
- * pandis_object_force, provided that no field's distance error exceeds the bound in its file. It
- * does not affect pandis_scene_touch, whatever the order of calls. Returns the worst flag of the
- * objects queried.
+ * pandis_object_force, provided that no field's distance error exceeds the bound in its file. The
+ * call does not affect pandis_scene_touch, whatever the order of calls. Returns the worst flag of
+ * the objects queried.
  *
  * point    scene lengths, at most 1e100 */
 PANDIS_API pandis_flag pandis_scene_force(
@@ -52,14 +53,14 @@ PANDIS_API pandis_flag pandis_scene_force(
  * options   `count` options, copied; NULL: the defaults
  * count     number of objects in the scene, else PANDIS_ERROR_COUNT
  *
- * Returns PANDIS_SUCCESS, or the first error of pandis_contact_open: that object is left out until
- * this is called again. */
+ * Returns PANDIS_SUCCESS, or the first error of pandis_contact_open. Objects with an error are left
+ * out until this function is called again. */
 PANDIS_API pandis_error pandis_scene_touch_open(pandis_scene *scene, pandis_contact *contacts,
     const pandis_contact_options *options, size_t count);
 
 /* [rt] Move the probe, and step the contacts of all objects that it may touch. The force is the sum
- * of theirs, in the order of the objects, bit for bit as if all had been stepped. A moved object
- * carries its proxy along.
+ * of their forces, in the order of the objects, bit for bit as if all contacts had been stepped. A
+ * moved object carries its proxy along.
  *
  * position  scene lengths, at most 1e100
  * dt        seconds since the last step, more than 0
@@ -81,7 +82,8 @@ PANDIS_API size_t pandis_scene_queries(const pandis_scene *scene);
  * A simulation hands frames of poses over to the haptic loop; neither waits. Of three frames one is
  * written, one is followed, and the newest complete one is handed over. In each tick every object
  * moves, without a jump, towards the pose predicted for the time when the next frame is due. If the
- * frame is late, it waits there. One thread gives, one steps. */
+ * frame is late, the object waits there. One thread calls pandis_poses_give, the other
+ * pandis_poses_step. */
 
 /* Pose and velocity of an object in a frame. */
 typedef struct {
@@ -116,9 +118,9 @@ PANDIS_API pandis_error pandis_poses_open(
  * count    number of objects, else PANDIS_ERROR_COUNT
  * period   seconds until the next frame is due, more than 0 and at most 1e6
  *
- * Returns PANDIS_SUCCESS; or PANDIS_ERROR_POSE, and nothing is handed over: a rotation matrix is
- * not a rotation, a value is not finite, or an object turns more than halfway round in the period.
- */
+ * Returns PANDIS_SUCCESS, PANDIS_ERROR_COUNT or PANDIS_ERROR_POSE: a rotation matrix is not a
+ * rotation, a value is out of range, or an object turns by more than half a turn in the period.
+ * After an error nothing is handed over. */
 PANDIS_API pandis_error pandis_poses_give(
     pandis_poses *poses, const pandis_pose *frame, size_t count, double period);
 

@@ -55,8 +55,8 @@ static const unsigned char *pandis__find(const pandis_field *f, const char *name
     return NULL;
 }
 
-/* Find a section by its name, if it contains `count` values of `each` bytes; sections have been
- * checked. */
+/* Find a section by its name, if it contains `count` values of `each` bytes. The table of sections
+ * must have been checked. */
 static const void *pandis__section(
     const pandis_field *f, const char *name, uint64_t count, uint64_t each) {
     uint64_t bytes;

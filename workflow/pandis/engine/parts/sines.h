@@ -5,9 +5,10 @@
 #define PANDIS__PART2 4.837512969970703125e-4f
 #define PANDIS__PART3 7.549789954891e-8f
 
-/* Compute sine and cosine within 1.2e-7 for |x| up to 1e4. Beyond, where no trained network goes,
- * results are those of 0; they are NaN if x is not finite. Minimax polynomials on [-pi/4, pi/4]
- * (Cephes, Moshier). No branch, so that it vectorises. */
+/* Compute the sine and cosine within 1.2e-7 for |x| up to 1e4. Beyond that, where no trained
+ * network goes, the results are those of 0; if x is not finite, they are NaN. The minimax
+ * polynomials on [-pi/4, pi/4] are from Cephes (Moshier). The code has no branch, so that it
+ * vectorises. */
 PANDIS__INLINE void pandis__sine_cosine(float x, float *sine, float *cosine) {
     const float whole = 12582912.0f; /* adding 1.5 * 2^23 rounds to the nearest whole number */
     float none = x - x;              /* 0, or NaN if x is not finite */

@@ -61,8 +61,8 @@ PANDIS__INLINE int pandis__collect(const pandis__spline *s, int level, const int
     return found;
 }
 
-/* Add one level's value and gradient; returns as pandis__collect does. With a cache `cells` of this
- * spline, coefficients around recent points are not collected again. */
+/* Add one level's value and gradient; returns what pandis__collect does. With a cache `cells` of
+ * this spline, coefficients around recent points are not collected again. */
 PANDIS__INLINE int pandis__add_level(const pandis__spline *s, int level, const double *p,
     pandis__cells *cells, double *value, double *gradient) {
     const pandis__layout *l = s->layout + level;
@@ -88,7 +88,7 @@ PANDIS__INLINE int pandis__add_level(const pandis__spline *s, int level, const d
 
 /* Where two walls are about equally near, a spline rounds the crease between them: its gradient is
  * shorter than 1. The distance is linear towards the nearest wall. Therefore the spline is
- * evaluated nearer to it, where less is rounded, and extrapolated back. */
+ * evaluated nearer to that wall, where less is rounded, and its value is extrapolated back. */
 #define PANDIS__LIFT 0.7   /* largest shift, in steps of the coarse lattice */
 #define PANDIS__SHORT 0.02 /* smallest deficit of the squared gradient */
 

@@ -4,7 +4,7 @@ typedef struct {
     pandis_contact_options options; /* budget 0: the contact is not open */
     int32_t state, planes, sticks, settled, close, stalled, idle, face, region;
     /* in the object's unit frame */
-    pandis_object object; /* its pose in the last step */
+    pandis_object object; /* with its pose in the last step */
     double ball[5], sunk, lift, pace, rested, proxy[3], probe[3], velocity[3], pull[3], plane[8][7];
 } pandis__contact;
 

@@ -30,7 +30,7 @@ PANDIS_API double pandis_noise(
         double x = point[k] / b->length, t;
         if (!(fabs(x) < 1e9)) return gradient[0] = gradient[1] = gradient[2] = 0;
         low[k] = (int32_t)floor(x), t = x - floor(x);
-        /* two continuous derivatives */
+        /* this blend has two continuous derivatives */
         blend[k][1] = t * t * t * (10 + t * (6 * t - 15)), blend[k][0] = 1 - blend[k][1];
         change[k] = 30 * t * t * (1 - t) * (1 - t) / b->length;
         gradient[k] = 0;

@@ -16,14 +16,14 @@ PANDIS__ONCE PANDIS_API pandis_error pandis_scene_touch_open(pandis_scene *scene
     return error;
 }
 
-/* Move the proxy of a contact that was not stepped to the probe's last position: nothing was in its
- * way. */
+/* Before a contact is stepped again, move its proxy to the probe's last position: nothing was in
+ * the way while the contact was not stepped. */
 static void pandis__wake(const pandis__scene *scene, size_t index) {
     pandis__contact *c = pandis__contact_of(scene->contacts + index);
     double point[3], probe[3];
-    /* the proxy is behind */
+    /* the proxy is not at the probe */
     if (c->state != PANDIS__CLEAR || memcmp(c->proxy, c->probe, sizeof c->probe)) return;
-    pandis__enter(&c->object, scene->probe, point); /* at its pose in that step */
+    pandis__enter(&c->object, scene->probe, point); /* the object is at its pose in that step */
     if (!pandis__unit(c->object.field, point, probe)) return;
     memcpy(c->proxy, probe, sizeof probe), memcpy(c->probe, probe, sizeof probe);
 }

@@ -3,8 +3,8 @@
 /* Get the child of a node at one of its eight places; returns 0 if there is none. */
 typedef int (*pandis__child)(const void *nodes, int32_t node, int place, int32_t *child);
 
-/* Check a tree: nodes and leaves must be in the order in which a traversal visits them, each once,
- * and no deeper than the stack. Then no query can loop, or visit more leaves than there are. */
+/* Check a tree: a traversal must visit all nodes and leaves in their stored order, each once, and
+ * must go no deeper than the stack. Then no query can loop, or visit more leaves than there are. */
 static int pandis__walk(
     const void *tree, pandis__child child_of, int32_t node_count, int32_t leaf_count) {
     int32_t path[PANDIS__DEEPEST], nodes = 1, leaves = 0;
@@ -49,7 +49,7 @@ PANDIS__ONCE static int pandis__open_mesh(pandis_field *f) {
     m->node_count = pandis__whole(f, 2), m->leaf_count = pandis__whole(f, 3);
     m->reach = pandis__real(f, 0);
     int32_t most = pandis__whole(f, 4);
-    if (most < 0 || (most > 0 && most < 9)) return 0; /* at least a leaf and all of its faces */
+    if (most < 0 || (most > 0 && most < 9)) return 0; /* enough for a leaf and all its faces */
     m->most = most ? most : INT32_MAX;
     if (m->vertex_count < 3 || m->face_count < 1 || m->node_count < 1 || m->leaf_count < 1)
         return 0;
@@ -132,7 +132,7 @@ PANDIS__ONCE static int pandis__open_compact(pandis_field *f) {
     if (t->block_count > INT32_MAX / PANDIS__BLOCK - 1 || !(t->reach >= 0 && t->reach <= 1))
         return 0;
     int32_t most = pandis__whole(f, 4);
-    if (most < 0 || (most > 0 && most < 9)) return 0; /* at least a block and all of its groups */
+    if (most < 0 || (most > 0 && most < 9)) return 0; /* enough for a block and all its groups */
     t->most = most ? most : INT32_MAX;
     t->step = 2 * PANDIS__HALF / ((1 << t->bits) - 1);
     uint64_t size = (uint64_t)(uint32_t)pandis__whole(f, 3);

@@ -1,8 +1,8 @@
 
 /* -------------------- eight boxes or triangles at once, in single precision
  *
- * Squared distances are sorted as integers, their keys: non-negative floats sort like integers with
- * the same bits. The last three bits are the index of the box. */
+ * Squared distances are sorted by integer keys, because non-negative floats sort like integers with
+ * the same bits. The last three bits of a key are the index of the box. */
 
 PANDIS__INLINE int32_t pandis__least(const int32_t *keys) {
     int32_t least = keys[0];
@@ -45,8 +45,8 @@ static pandis__waiting pandis__next(pandis__waiting *heap, int count) {
     return first;
 }
 
-/* Queue a box. If the queue is full, drop the farther of this box and the last one, and return 1
- * and its key. */
+/* Queue a box. If the queue is full, drop this box or the last one, whichever is farther, store its
+ * key in `out`, and return 1. */
 static int pandis__wait_or_drop(
     pandis__waiting *heap, int *count, int32_t key, int32_t child, int32_t *out) {
     pandis__waiting one = {key, child};
@@ -65,9 +65,9 @@ PANDIS__INLINE float pandis__clamp01f(float t) {
     return t < 1 ? t : 1;
 }
 
-/* Squared distances from a point to eight triangles, given as (3 corners, 3 axes, 8): each is that
- * of some point of the triangle, and so too small only by rounding. pandis__slacks bounds how much
- * too large it can be. */
+/* Squared distances from a point to eight triangles, given as (3 corners, 3 axes, 8). Each
+ * result belongs to some point of the triangle, so it can be too small only by rounding.
+ * pandis__slacks bounds how much too large it can be. */
 PANDIS__INLINE void pandis__eight_distances(
     float (*v)[3][PANDIS__WIDTH], const float *PANDIS__RESTRICT q, float *PANDIS__RESTRICT out) {
     for (int i = 0; i < PANDIS__WIDTH; i++) {
@@ -100,11 +100,11 @@ PANDIS__INLINE void pandis__eight_distances(
     }
 }
 
-/* How much too large the distance d to any of eight triangles can be in single precision, besides
- * rounding of the point: at most slack[0] + slack[1] * d. With B = 1 / the sine of the angle at the
- * first corner and the unit roundoff e, the foot inside a triangle is off by less than e (32 B (d +
- * longest side) + 8 B^2 d). If a triangle is so narrow that half its smallest height is less, that
- * is the bound: an edge is as near. */
+/* How much too large the distance d to any of eight triangles can be in single precision, apart
+ * from the rounding of the point: at most slack[0] + slack[1] * d. With B = 1 / the sine of the
+ * angle at the first corner and the unit roundoff e, the foot inside a triangle is off by less than
+ * e (32 B (d + longest side) + 8 B^2 d). If half the smallest height of a triangle is less than
+ * this, half the height is the bound, because an edge is at most that far from any point inside. */
 static void pandis__slacks(float (*v)[3][PANDIS__WIDTH], float *slack) {
     const float e = 6e-8f;
     float off[PANDIS__WIDTH], share[PANDIS__WIDTH];
@@ -134,8 +134,8 @@ static void pandis__slacks(float (*v)[3][PANDIS__WIDTH], float *slack) {
     }
 }
 
-/* Whether a segment from a point meets a triangle (-1: from inside, 1: from outside), and at which
- * share of it. */
+/* Whether a segment from a point, or its extension, meets a triangle (-1: from inside, 1: from
+ * outside). `at` is set to the share of the segment at which they meet. */
 static int pandis__meets(const double *const *c, const double *p, const double *way, double *at) {
     double u[3], v[3], x[3], across[3], turned[3];
     for (int k = 0; k < 3; k++)

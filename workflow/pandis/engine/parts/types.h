@@ -7,9 +7,9 @@ typedef enum {
     /* no answer: an argument is out of range or not finite, or the field overflowed */
     PANDIS_INVALID = 2,
     /* the search was cut short: too many faces are about equally near (around the middle of a
-       finely tessellated ball). The distance may be too large, by some hundredths of the object:
-       see pandis_answer.clear. When the file was made, no query at test points next to the surface
-       was cut */
+       finely tessellated ball). The distance may be too large, by some hundredths of the object's
+       size: see pandis_answer.clear. When the file was made, no query at test points next to the
+       surface was cut short */
     PANDIS_CUT = 3,
     PANDIS_BEYOND = 4 /* pandis_query_within only: no surface is within its reach */
 } pandis_flag;
@@ -40,7 +40,8 @@ typedef enum {
     /* a contact option is out of range: see pandis_contact_options */
     PANDIS_ERROR_OPTIONS = -15,
     PANDIS_ERROR_COUNT = -16, /* an array is shorter or longer than required */
-    /* the implementation has another version of this header, or another structure packing */
+    /* the implementation was compiled with another version of this header, or packs structures
+       differently */
     PANDIS_ERROR_HEADER = -17
 } pandis_error;
 
@@ -66,9 +67,9 @@ typedef struct {
     /* for meshes a lower bound of the distance to the surface, up to rounding; else |distance| */
     double clear;
     pandis_flag flag;
-    /* index, in mesh.zarr.zip, of a face that holds the closest point. A simplified mesh names a
-     * face beside it. -1 if unknown: only `exact` meshes, and compact ones with a section ORIG,
-     * store it */
+    /* index, in mesh.zarr.zip, of a face that contains the closest point. For a simplified mesh,
+     * it is a face at or next to that point. -1 if unknown: only `exact` meshes, and compact ones
+     * with a section ORIG, store face indices */
     int32_t face;
     int32_t region; /* material of the surface there (pandis_region); -1 if the file has none */
 } pandis_answer;
@@ -113,7 +114,7 @@ typedef struct {
     pandis__layout layout[2];
     int32_t far_size;
     double far_low, far_per_step, offset[3], scale[3], inside, outside;
-    /* coefficients, offset + scale * stored: of the band, and beyond it */
+    /* coefficients (offset + scale * stored value): in the band, and beyond it */
     const int16_t *coarse, *far;
     const int8_t *fine;  /* correction that is added in the band */
     const uint8_t *side; /* for each block of coarse lattice cells: whether it is outside */

@@ -1,9 +1,9 @@
 
 /* -------------------- vectors
  *
- * Sums run in lanes. These are vector types if the compiler has them, since it would not keep lanes
- * in registers by itself; otherwise a vector is one number. The order of additions is the same for
- * every width. */
+ * Sums run in lanes. If the compiler has vector types, these hold the lanes, because the compiler
+ * would not keep lanes in registers by itself. Otherwise a vector is a single number. The order of
+ * additions is the same for every width. */
 #if (defined(__clang__) || (defined(__GNUC__) && __GNUC__ >= 9)) && !defined(PANDIS_NO_VECTORS)
 #if defined(__AVX512F__)
 #define PANDIS__VECTOR 16
@@ -27,7 +27,7 @@ typedef float pandis__vector;
 #define pandis__load(p) (*(p))
 #define pandis__load16(p) ((float)*(p))
 #endif
-/* clang does this by itself */
+/* GCC needs these intrinsics to convert in one instruction; clang does it by itself */
 #if PANDIS__VECTOR == 8 && defined(__x86_64__) && defined(__GNUC__) && !defined(__clang__)
 #define pandis__load16_wide(p)                                                                     \
     __builtin_convertvector(                                                                       \
@@ -50,8 +50,8 @@ typedef float pandis__vector;
 #define PANDIS__PARTS (PANDIS__LANES / PANDIS__VECTOR)
 
 /* Hot functions are compiled twice if the program is for any x86-64 machine: as `name_plain`, and
- * as `name_wide` for AVX2, which is used where the machine has it. Windows does not align the stack
- * for such vectors. */
+ * as `name_wide` for AVX2, which is used where the machine has it. Not on Windows, which does not
+ * align the stack for such vectors. */
 #if PANDIS__VECTOR == 8 && defined(__x86_64__) && !defined(__AVX2__) && !defined(_WIN32) &&        \
     !defined(PANDIS_NO_DISPATCH)
 #define PANDIS__WIDE __attribute__((target("avx2")))

@@ -2,15 +2,15 @@
  *
  * Where an approximate surface is rounded, in grooves and corners, planes that were seen from
  * different places contradict each other, and no hop leads nearer to the probe. A walk uses none of
- * them. Each of its steps goes straight towards the probe, and out of the surface again along
- * planes that are determined for this step only. */
+ * these planes. Each of its steps goes straight towards the probe, and then out of the surface
+ * along planes that are determined for this step only. */
 
 #define PANDIS__PACE 4.8e-3 /* a walk's longest step; its first is an eighth of that */
 /* the longest step around an edge that the proxy may take in part, straight on */
 #define PANDIS__CHORD 1.6e-3
 /* at an edge the cosine between the normals at both ends of a step is less */
 #define PANDIS__FLAT 0.98
-/* a walk ends below this share of the longest step: each failed step halves the next */
+/* a walk ends when its steps are below this share of the longest; each failure halves the step */
 #define PANDIS__TIRED (1 / 1024.0)
 /* a walk begins at this count: contact steps without progress add 2, others subtract 1 */
 #define PANDIS__IDLE 16
@@ -18,7 +18,7 @@
 #define PANDIS__GAIN 0.25
 /* or, on exact surfaces, less than this, or does not come nearer to the probe */
 #define PANDIS__GAIN_EXACT 1e-9
-/* or, while the probe rests, goes less than this share of its way */
+/* or, while the probe rests, moves the proxy by less than this share of what is allowed */
 #define PANDIS__CREEP 0.01
 #define PANDIS__NEAR (PANDIS__GAP / 2) /* lift from which a ball reaches the proxy */
 #define PANDIS__AGAIN 64               /* contact steps after which a resting proxy tries again, */
@@ -32,7 +32,7 @@
 /* Find the free place nearest to a goal, at most `reach` away. Returns 1 if it is in `look`, 0 if
  * none was found, -1 if there was no answer. `slope` is the rate at which the distance grows along
  * the normal: less than 1 in a rounded corner, and perhaps negative in a cell of a trilinear field.
- * A place farther outside than necessary is improved once. */
+ * If the place found is farther outside than necessary, one more query tries to improve it. */
 PANDIS__ONCE static int pandis__free_place(
     pandis__proxy *p, const double *goal, double reach, double *slope, pandis__look *look) {
     double at[3] = {goal[0], goal[1], goal[2]}, last[3] = {0}, before = 0;
@@ -46,7 +46,7 @@ PANDIS__ONCE static int pandis__free_place(
         if (look->distance >= -sunk &&
             (over || !p->count || look->distance <= *slope * 0.02 * reach))
             return 1;
-        if (over) { /* too near: use the previous place */
+        if (over) { /* not free: use the previous place */
             *look = high;
             return 1;
         }
@@ -73,9 +73,9 @@ PANDIS__ONCE static int pandis__free_place(
 }
 
 /* Take a free ball above a place, at the lift over the planes that hold the proxy there. Returns 1
- * if the ball joins the last one or holds the proxy, and reaches the place (if `reaches`); else 0;
- * -1: no answer. It must join because an exact object may be thinner than a step, so the path to a
- * free place need not be free. */
+ * if the ball joins the last one or contains the proxy, and (with `reaches`) reaches the place;
+ * else 0; -1: no answer. The balls must join, because an exact object may be thinner than a step:
+ * the path to a free place need not be free. */
 static int pandis__covers(pandis__proxy *p, const double *place, int reaches) {
     pandis__look look;
     double at[3];
@@ -91,8 +91,8 @@ static int pandis__covers(pandis__proxy *p, const double *place, int reaches) {
 }
 
 /* Take a free ball that reaches the proxy, whether or not it joins the last one: at the lift or, if
- * there is none, nearer to the proxy and in front of all walls found. Returns 1, or 0 if none was
- * found, -1 if there was no answer. */
+ * none is found there, nearer to the proxy and in front of all walls found. Returns 1, or 0 if none
+ * was found, -1 if there was no answer. */
 PANDIS__ONCE static int pandis__stand(pandis__proxy *p) {
     pandis__contact *c = p->state;
     for (int turn = 0; turn < 4 && p->queries < c->options.budget; turn++) {
@@ -134,8 +134,8 @@ static int pandis__approaches(const pandis__stride *s) {
         s->nearer > 1e-3 * s->pace;
 }
 
-/* Whether a place lies behind the surface, whose normal was `side`, and has the opposite normal: it
- * is a thin wall's other side. */
+/* Whether a place lies behind the surface, whose normal was `side`, and has the opposite normal:
+ * then it is on the other side of a thin wall. */
 static int pandis__pierces(
     const pandis__proxy *p, const pandis__look *look, const double *side, double length) {
     double behind = 0;
@@ -149,7 +149,8 @@ static int pandis__rounds_edge(const pandis__stride *s, const double *side, cons
         pandis__dot(side, normal) < PANDIS__FLAT;
 }
 
-/* Give the last ball a height at which new balls join it. Returns what pandis__stand returns. */
+/* Set the lift so that new balls join the last one; if that ball does not reach the proxy, take one
+ * that does. Returns what pandis__stand returns. */
 static int pandis__lower(pandis__proxy *p) {
     pandis__contact *c = p->state;
     double far = pandis__between(p->ball, p->x), least = fmax(far / PANDIS__FARTHEST, PANDIS__NEAR);
@@ -163,7 +164,7 @@ static void pandis__take_step(pandis__proxy *p, const pandis__look *look, double
     for (int k = 0; k < 3; k++) p->x[k] += share * (look->at[k] - p->x[k]);
     c->settled = c->close = c->sticks = 0;
     if (p->exact) return;
-    /* after an empty ball on the surface, the next step looks from above */
+    /* an empty ball on the surface makes the next step look from above */
     pandis__take_ball(p, look);
     memcpy(p->ball, p->x, 3 * sizeof *p->ball);
     if (p->count || !(look->free > 0)) p->ball[3] = PANDIS__SMALL, p->ball[4] = -1;
@@ -176,8 +177,8 @@ PANDIS__ONCE static int pandis__walk_on(pandis__proxy *p, pandis__way *way, cons
     pandis__look look;
     pandis__stride s;
     double goal[3], slip = -1, clear = 0, slope = 1, side[3] = {0};
-    const int most = c->options.budget - 1; /* one query is left to the hops */
-    /* out of the surface first, if the proxy has sunk in */
+    const int most = c->options.budget - 1; /* one query is left for the hops */
+    /* the first step leads out of the surface, if the proxy has sunk in */
     int first = !p->exact, anew = 0, good = p->exact ? pandis__lower(p) : 1;
     if (good < 1) return good + 1;
     for (; c->pace > PANDIS__TIRED * PANDIS__PACE && p->queries + 2 <= most; first = 0) {
@@ -208,7 +209,7 @@ PANDIS__ONCE static int pandis__walk_on(pandis__proxy *p, pandis__way *way, cons
         int cuts = share < 1 && pandis__rounds_edge(&s, side, look.normal);
         if (good || first) memcpy(side, look.normal, sizeof side);
         if (!good || cuts) {
-            /* above the proxy and the place, balls over the same planes join */
+            /* balls above the proxy and above the place join if they are over the same planes */
             if (apart && p->queries < most) {
                 c->lift = PANDIS__NEAR, anew = 1;
                 if (pandis__stand(p) < 0) return 0;
@@ -225,7 +226,7 @@ PANDIS__ONCE static int pandis__walk_on(pandis__proxy *p, pandis__way *way, cons
         pandis__take_step(p, &look, share);
         if (first) continue;
         c->pace = fmin(1.5 * c->pace, PANDIS__PACE);
-        if (p->exact) c->idle = PANDIS__IDLE - 2; /* hops are faster, if they progress from here */
+        if (p->exact) c->idle = PANDIS__IDLE - 2; /* hops are faster, if they advance from here */
         if (share < 1) break;
     }
     return 1;
@@ -241,30 +242,31 @@ PANDIS__ONCE static int pandis__try_walk(
     return pandis__walk_on(p, way, probe);
 }
 
-/* Go back to a place that was nearer to the probe, if it lies outside. Planes that contradict each
- * other led away from it; without this check, the proxy could circle for ever. 0: no answer. */
+/* Go back to a place that was nearer to the probe, if it lies outside. Hops along planes that
+ * contradict each other led away from it; without the way back, the proxy could circle for ever.
+ * 0: no answer. */
 PANDIS__ONCE static int pandis__go_back(pandis__proxy *p, const double *place, const double *ball) {
     pandis__look look;
     if (!pandis__look_at(p, place, &look)) return 0;
-    /* the proxy was led out of the surface */
+    /* the old place is inside: the hops led the proxy out of the surface */
     if (look.distance < -fmax(PANDIS__SUNK, p->blur)) return 1;
     memcpy(p->x, place, 3 * sizeof *place);
     memcpy(p->ball, ball, 5 * sizeof *ball);
     p->count = 0;
     pandis__learn(p, &look, p->x, 0);
-    /* from nearer, planes of a round surface fit better */
+    /* planes that are seen from nearer fit a round surface better */
     p->state->lift = fmax(p->state->lift / 4, PANDIS__HOVER / 64);
     return 1;
 }
 
 /* Bring the proxy as near to the probe as it can: by hops, or by a walk if hops make no progress.
- * `moved`: the probe's motion. 0: no answer. */
+ * `moved`: how far the probe moved. 0: no answer. */
 static int pandis__come(pandis__proxy *p, pandis__way *way, const double *probe, double moved) {
     pandis__contact *c = p->state;
     const double creep = PANDIS__CREEP * way->travel,
                  least = p->exact ? PANDIS__GAIN_EXACT : PANDIS__GAIN * way->travel;
     if (c->idle < PANDIS__IDLE) c->rested = 1;
-    /* the short steps of a walk do not follow a probe that is faster than the proxy may move */
+    /* the short steps of a walk cannot keep up with a probe that is faster than the proxy may be */
     else if (moved < 0.5 * way->travel && !pandis__try_walk(p, way, probe, moved)) return 0;
     const double before[3] = {p->x[0], p->x[1], p->x[2]};
     double ball[5];

@@ -1,8 +1,8 @@
 /* Uniform cubic B-splines over a box: values, gradients, and their adjoint.
  *
  * Dense: coefficients at all size^3 nodes. Sparse: only some blocks of 2 x 2 x 2 coefficients are
- * stored. 4 x 4 x 4 blocks make a brick, with a bit for each block: whether it is stored. A brick's
- * stored blocks are contiguous from its base on, so a block is located by counting bits.
+ * stored. 4 x 4 x 4 blocks make a brick, in which a bit for each block marks whether it is stored.
+ * A brick's stored blocks are contiguous from its base on, so a block is located by counting bits.
  *
  * Node i of an axis is at low + i * step. The spline is defined in the cells 1 to size - 3, where a
  * point has two nodes on either side.
@@ -35,7 +35,7 @@ void spline_dense_evaluate(int32_t size, double low, double per_step, const floa
 }
 
 /* Add residuals of value and gradient at points to `sums`, one for each of the size^3 coefficients:
- * the transpose of the above. */
+ * the transpose of spline_dense_evaluate. */
 void spline_dense_adjoint(int32_t size, double low, double per_step, const double *points,
     int64_t count, const double *value, const double *gradient, double *sums) {
     for (int64_t i = 0; i < count; i++) {

@@ -1,4 +1,4 @@
-"""Exports a MuJoCo model with one geom per field, and compares MuJoCo's distances."""
+"""Exports a MuJoCo model with one geom per field, and compares its distances with the library's."""
 
 import os
 import tempfile
@@ -55,7 +55,10 @@ def export_mjcf(model, paths, drawn, size, log):
         log(f"the model is not compared with MuJoCo: {error}")
     else:
         off = _differences(text, placed, size)
-        log(f"MuJoCo's distances and gradients match the library's: off by {off:.1g} of the size")
+        log(
+            f"MuJoCo's distances and gradients match the library's: distances are off by at most "
+            f"{off:.1g} of the size"
+        )
     return text
 
 
@@ -93,7 +96,7 @@ def _off(name, each, geom, ask, size):
     off = float(np.abs(distance - each.scale * expected.distance).max() / size)
     if not (off <= _CLOSE and np.percentile(turned, 99) <= 1e-4):  # NaN fails too
         raise PandisError(
-            f"{name}: MuJoCo's distances differ from the library's by {off:.3g} of the size: "
+            f"{name}: MuJoCo's distances differ from the library's by {off:.3g} of the size; "
             "this is a defect of the export: please report it"
         )
     return off

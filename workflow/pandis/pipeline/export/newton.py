@@ -68,10 +68,10 @@ def _compare(content, field, length, size, log):
     cell = float(np.linalg.norm(content["cell_size"]))
     band = exact < _BAND * size
     bound = np.where(band, cell, CELLS * cell)
-    # errors of a sizeable part of a cell occur only at edges and creases, which are few
+    # errors as large as a good part of a cell occur only at edges and creases, which are few
     if not ((off <= bound).all() and off[band].mean() <= _MEAN * cell):
         raise PandisError(
-            f"Newton's interpolated distances are off by up to {float(off.max()):.3g} m: this is a "
+            f"Newton's interpolated distances are off by up to {float(off.max()):.3g} m; this is a "
             "defect of the export: please report it"
         )
     near = exact < _NEAR * size

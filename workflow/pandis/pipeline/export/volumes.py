@@ -48,7 +48,7 @@ def export_volumes(paths, log):
         if grid := read.get(field.path.stem):
             _compare(field, grid)
             count = int(grid.active.sum())
-            log(f"{field.path.stem}: {count:,} voxels of {voxel:.3g}, equal to its distances")
+            log(f"{field.path.stem}: {count:,} voxels of {voxel:.3g}, with the field's distances")
     return data
 
 
@@ -62,7 +62,7 @@ def _compare(field, grid):
     expected = np.clip(distance, -grid.background, grid.background).astype(np.float32)
     if not np.array_equal(grid.values, expected):
         raise PandisError(
-            f"{field.path.stem}: the volume's distances differ from the field's: this is a defect "
+            f"{field.path.stem}: the volume's distances differ from the field's; this is a defect "
             "of the export: please report it"
         )
     low, high = grid.origins.min(axis=0), grid.origins.max(axis=0) + side
@@ -71,7 +71,7 @@ def _compare(field, grid):
     if (grid.outside[within] == inside).any() or not grid.outside[~within].all():
         raise PandisError(
             f"{field.path.stem}: the volume disagrees with the field about inside and outside "
-            "where it has no voxels: this is a defect of the export; please report it"
+            "where it has no voxels; this is a defect of the export: please report it"
         )
     _check_leaves(field, grid)
 
@@ -87,6 +87,6 @@ def _check_leaves(field, grid):
     blocks = np.unique(np.floor_divide(voxels[near], side) * side, axis=0)
     if not origins.issuperset(map(tuple, blocks.tolist())):
         raise PandisError(
-            f"{field.path.stem}: the volume omits part of the surface: this is a defect of the "
+            f"{field.path.stem}: the volume omits part of the surface; this is a defect of the "
             "export: please report it"
         )

@@ -115,7 +115,7 @@ def read_vti(path):
             arrays[entry.get("Name")] = np.moveaxis(block, (0, 1, 2), (2, 1, 0))
         origin, spacing = (np.array(image.get(k).split(), float) for k in ("Origin", "Spacing"))
     except (ElementTree.ParseError, ValueError, KeyError, AttributeError, IndexError) as error:
-        raise PandisError(f"{path}: not a .vti file of pandis: {error}") from error
+        raise PandisError(f"{path}: not a .vti file written by pandis: {error}") from error
     return origin, spacing, arrays
 
 

@@ -1,7 +1,7 @@
 """The body: one object with its frame, its exact distance and its surface.
 
 A `Body` provides the exact data of an object. It is opened from the mesh stage's artifact or made
-from plain arrays. A mesh and a closed form have the same members.
+from plain arrays. Bodies of meshes and of closed forms have the same members.
 """
 
 from functools import cached_property

@@ -66,7 +66,7 @@ class MeshDistance:
         Raises
         ------
         PandisError
-            The two kinds of sign disagree too often.
+            The signs by pseudonormal and by winding number disagree too often.
         """
         return self._answer(points, (TIE_DISTANCE, TIE_ANGLE) if ties else None, check, True)
 
@@ -76,10 +76,10 @@ class MeshDistance:
         allowed = max(1, MAX_OVERRULED * self._checked)
         if self._tree.overruled > allowed:
             raise PandisError(
-                f"the signs of {self._tree.overruled:,} of {self._checked:,} points by the mesh's "
-                "pseudonormals contradict its winding number: the mesh is not closed, or folds "
-                "over itself, and repair did not detect this; let repair rebuild it (mesh.rungs: "
-                "[remesh])"
+                f"the signs of {self._tree.overruled:,} of {self._checked:,} points, taken from "
+                "the mesh's pseudonormals, contradict its winding number: the mesh is not closed, "
+                "or folds over itself, and repair did not detect this; let repair rebuild it "
+                "(mesh.rungs: [remesh])"
             )
         return labels
 
@@ -135,7 +135,7 @@ class MeshDistance:
         return self._tree.scan(points)
 
     def inside(self, points: Points) -> Flags:
-        """Return which points (n, 3) are inside; points that are not finite are not."""
+        """Return which points (n, 3) are inside; points that are not finite count as outside."""
         return self._tree.inside(points)
 
 

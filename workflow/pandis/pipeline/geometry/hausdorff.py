@@ -3,9 +3,9 @@
 The distance to a triangle is a convex function, so on another triangle it is largest at a corner.
 No point of a triangle is therefore farther from a mesh than the farthest of its corners is from any
 one face of the mesh. Where that bound is too loose, the triangle is cut along the prism over the
-face nearest to its centroid. The corners of the part inside the prism bound its distance. The other
-parts are compared with the neighbouring faces, however small these are. A triangle whose centroid
-is outside its prism is split into four.
+face nearest to its centroid. The corners of the part inside the prism bound that part's distance.
+The other parts are compared with the neighbouring faces, however small these are. A triangle whose
+centroid is outside its prism is split into four.
 """
 
 from typing import NamedTuple
@@ -23,7 +23,7 @@ _WIDER = {_TIGHT: 0.25, _LOOSE: 1.0}
 _FLOOR = 1e-7
 #: Maximum number of triangles to examine; then the current bound is returned.
 _MOST = 4_000_000
-#: Triangles per task, too few for their distance query to start threads.
+#: Triangles per task: so few that their distance query does not start threads of its own.
 _CHUNK = SMALL - 1
 
 

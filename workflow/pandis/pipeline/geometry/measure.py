@@ -27,7 +27,8 @@ class ContactSet(NamedTuple):
     Attributes
     ----------
     sets : dict of str to Probes
-        By name in `SETS`, whose value is D; depths are uniform in [0, min(D, 0.9 r)].
+        By name in `SETS`, whose value is D. Depths are uniform in [0, min(D, 0.9 r)], where r is
+        the inscribed radius.
     pressed : Probes
         Points below the same surface points, at a depth of min(0.04, 0.9 r).
     left_out : float
@@ -49,7 +50,7 @@ def draw_contacts(surface, engine, scale, count, rng, even=False):
         The exact distance of a `pandis.pipeline.geometry.body.Body`.
     scale : pandis.base.physical.Scale
     count : int
-        Number of surface points; points on too thin walls are left out and not replaced.
+        Number of surface points; points on walls that are too thin are left out, not replaced.
     rng : numpy.random.Generator
     even : bool
         Whether to draw surface points as blue noise, which is more evenly spaced.

@@ -40,7 +40,7 @@ class Stratified(NamedTuple):
     wall: np.ndarray
 
     def depth(self, deepest):
-        """Return the depth (n,) of a press at each point: 0.9 r, at most ``deepest``."""
+        """Return each press's depth (n,): 0.9 of the inscribed radius, at most ``deepest``."""
         return np.minimum(OF_RADIUS * self.radius, deepest)
 
 

@@ -80,7 +80,7 @@ class Points:
         return Limits.of(target, self.scale.newtons, self.mean_force)
 
     def describe(self, figures):
-        """Describe a field's errors, in millinewtons and percent first."""
+        """Describe a field's errors, as `describe_figures` does."""
         return describe_figures(figures, self.scale.newtons, self.mean_force)
 
     def describe_limits(self, limits):

@@ -154,7 +154,7 @@ def strongly_felt(force: Points, probes) -> Flags:
         along = np.einsum("ij,ij->i", force[left] - here, way)
         square = np.maximum(np.einsum("ij,ij->i", way, way), 1e-300)
         mixed = here + np.clip(along / square, 0, 1)[:, None] * way
-        # allow blends of full magnitude: it is reduced along the chord between two directions
+        # the chord between two directions shortens a blend: also allow blends of full magnitude
         least = np.linalg.norm(mixed, axis=1)
         most = np.maximum(np.linalg.norm(here, axis=1), np.linalg.norm(there[left], axis=1))
         size = np.clip(np.linalg.norm(force[left], axis=1), least, most)

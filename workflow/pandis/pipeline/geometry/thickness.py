@@ -9,8 +9,8 @@ from pandis.base.frame import UNIT_SIDE
 _SAME = 1e-6
 #: Maximum number of steps of a shrinking ball, and of a path straight inward.
 _STEPS = 60
-#: Largest thickness of a wall, in inscribed radii: it is two in a plate, three in the middle of a
-#: triangular bar, and four where two faces meet at 70°.
+#: Largest thickness of a wall, in inscribed radii. The thickness is two radii in a plate, three in
+#: the middle of a triangular bar, and four where two faces meet at 70°.
 WALL = 4.0
 
 

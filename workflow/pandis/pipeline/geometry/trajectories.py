@@ -157,7 +157,7 @@ class _Tracer:
 
 
 def _spiral(engine, count):
-    """Return a path of six turns around a sphere, 2 to 5 % of its radius deep."""
+    """Return a path of six turns around a sphere, at depths of 2 to 5 % of its radius."""
     shape = getattr(engine, "shape", None)
     if not isinstance(shape, Sphere):
         raise PandisError("trajectory.kind: a spiral is for analytic:sphere; set it to surface")

@@ -164,7 +164,7 @@ class Chooser:
             native = NativeOptions(weight_bits=self.options.weight_bits)
             data = export_native(field, self.body, native, {}, _silent)
         except PandisError as error:
-            return measured._replace(why=f"meets the errors, but cannot be exported: {error}",
+            return measured._replace(why=f"meets the limits, but cannot be exported: {error}",
                                      excess=max(measured.excess, 1.0))  # fmt: skip
         file = ExportedField(field.name, data)
         measured = self.points.measure(force_of(file), self.limits)
@@ -221,7 +221,7 @@ class Chooser:
         return self.times.seconds(form, size, **shape)
 
     def too_dear(self, form, size, bytes_, **shape):
-        """Return which bytes or query time exceed the budget, as text; empty if none do."""
+        """Return the bytes and the query time that exceed the budget, as text; empty if none do."""
         limits = []
         if self.budget.bytes is not None and bytes_ > self.budget.bytes:
             limits.append(f"{bytes_:,} bytes")
@@ -231,7 +231,7 @@ class Chooser:
         return " and ".join(limits)
 
     def fitting(self, form, sizes, name=None, **shape):
-        """Return those keys of ``sizes`` (bytes by size) that meet the budget; note if none do."""
+        """Return those keys of ``sizes`` (bytes by size) that meet the budget; log if none do."""
         dear = {size: self.too_dear(form, size, bytes_, **shape) for size, bytes_ in sizes.items()}
         if all(dear.values()):
             self.skip(name or form, f"{next(iter(dear.values()))} at the least")

@@ -15,12 +15,14 @@ from pandis.pipeline.geometry.shares import JUDGED
 from pandis.pipeline.geometry.thickness import are_walls, inscribed_radius
 from pandis.pipeline.kinds.field import Field
 
-#: Share of the area without force, four times `MISSING_LIMIT`: of the area judged in `control-gap`,
-#: of all area in `control-thin`. Smallest share of walls for which there is a `control-thin`.
+#: Share of the area on which a control has no force, four times `MISSING_LIMIT`: of the area judged
+#: in `control-gap`, of all area in `control-thin`. Smallest share of walls for which there is a
+#: `control-thin`.
 GAP, LEAST_WALLS = 0.02, 0.01
 #: Number of surface points sampled to find the largest radius in the gap.
 _POOL = 20_000
-#: Radii that differ by less count as equal, and are ordered by face index, then barycentrics.
+#: Radii that differ by less than this count as equal. Equal ones are ordered by face index, then by
+#: barycentrics.
 _SAME_RADIUS = 1e-5
 
 

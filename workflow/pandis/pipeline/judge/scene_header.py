@@ -27,7 +27,7 @@ def scene_header(name, objects, radius):
         f"/* The scene {name}, made by pandis: metres and newtons. Open its files in this order\n"
         f" * into {prefix}_fields, then begin a pandis_scene of the {upper}_OBJECTS objects in\n"
         f" * {prefix}_objects (pandis_scene_open).\n"
-        f" * For proxies: {prefix}_touch_open, in place of pandis_scene_touch_open. */\n"
+        f" * For proxies, call {prefix}_touch_open instead of pandis_scene_touch_open. */\n"
         '#include "pandis.h"\n\n'
         f"#define {upper}_FILES {len(files)}\n"
         f"#define {upper}_OBJECTS {len(objects)}\n\n"
@@ -39,7 +39,7 @@ def scene_header(name, objects, radius):
         + _table("pandis_material *const", f"{prefix}_materials",
                  [f"{prefix}_material_{i}" for i in count])
         + _table("size_t", f"{prefix}_material_counts", [len(o.materials) for o in objects])
-        + "/* textures of the surfaces, and the fields that name a place's material */\n"
+        + "/* textures of the surfaces, and the fields that provide a place's material */\n"
         + textures
         + _table("pandis_texture *const", f"{prefix}_textures", grain)
         + _table("pandis_field *const", f"{prefix}_regions", beside)

@@ -198,8 +198,8 @@ def _sentence(record):
     count = len(record.objects)
     different = record.different + (record.proxies.different if record.proxies else 0)
     same = (
-        f"{different:,} forces differ from those of asking every object: a field's clearance "
-        "was measured too small; export it again, or use another field"
+        f"{different:,} forces differ from those of asking every object, because the measured "
+        "clearance of a field is too small; export it again, or use another field"
         if different
         else "every force equals that of asking every object"
     )

@@ -2,7 +2,7 @@
 
 ``spec``
     `KIND`, a `pandis.pipeline.run.ask.kind.Kind`: names, options, colours. Planning reads it, so it
-    imports nothing as large as NumPy.
+    must not import large packages such as NumPy.
 ``build``, ``search``
     ``build(job)`` writes the artifact; its size is given (``build``) or searched for (``search``).
 ``reference``
@@ -19,5 +19,6 @@
 
 Only ``spec`` is required. A kind without ``file`` is kept only for comparison (its
 `pandis.pipeline.run.ask.kind.FieldSpec` has ``native=False``). A kind without ``search`` has no
-`…-auto`. `fields: auto` tries the kinds whose `Kind.chosen` is true. No folder imports another.
+`…-auto` fields. `fields: auto` tries the kinds whose `Kind.chosen` is true. No folder imports
+another.
 """

@@ -1,9 +1,9 @@
 """Finds the cells of a grid in a band around the surface, without testing all of them.
 
 A distance changes by no more than the point moves. So a block whose centre
-is farther from the band than half its diagonal does not meet the band, and
-all its points have the same sign. Blocks that may meet it are split until
-they are cells. The others are known to be wholly inside or outside.
+is farther from the band than half the block's diagonal does not meet the
+band, and all its points have the same sign. Blocks that may meet the band are
+split until they are cells. The others are known to be wholly inside or outside.
 """
 
 from typing import NamedTuple

@@ -9,7 +9,8 @@ from pandis.base.frame import Frame
 POINTS = 100_000
 #: Bounds in the unit frame. Forces are compared where the direction's length before normalisation
 #: is at least 0.1, normals where it is at least 0.5: rounding rotates shorter directions too far.
-#: Errors of the normal are multiplied by that length, because rounding rotates by its inverse.
+#: Errors of the normal are multiplied by that length, because the angle by which rounding rotates a
+#: direction is inversely proportional to the length.
 DISTANCE, FORCE, NORMAL = 5e-6, 5e-6, 2e-5
 FORCE_LENGTH, NORMAL_LENGTH = 0.1, 0.5
 _UNIT = Frame((0.0, 0.0, 0.0), 1.0)
@@ -82,7 +83,7 @@ def _differences(distance, normal, wanted_distance, wanted_normal, length):
 def check_nearest(field, engine, rounding):
     """Check that a field's distances and normals lead to closest points of a surface.
 
-    Normals are not compared: where faces are equally near, that of any of them is right.
+    Normals are not compared: where several faces are equally near, the normal of any is right.
 
     Parameters
     ----------

@@ -14,7 +14,8 @@ POINTS = 60_000
 HEIGHTS = 1e-4, 0.5
 #: Sampling can miss the worst case: its result is multiplied by MORE, and ROUNDING is added.
 MORE, ROUNDING = 1.5, 1e-9
-#: The height is multiplied by LESS. _FARTHEST exceeds every distance to a surface in the box.
+#: The measured height is multiplied by LESS. _FARTHEST exceeds every distance to a surface in the
+#: box.
 LESS, _FARTHEST = 0.98, 4.0
 #: Search for worse points near the worst ones: starts, rounds, tries per start and round, initial
 #: spread of the tries (unit frame), and factor on the spread per round.
@@ -37,8 +38,9 @@ def clearance(answer, engine, seed=0):
         contact lies farther outside the surface than the first margin. No contact is nearer to a
         point than the point's distance less the first margin, or less the second where the distance
         is flagged as a bound. A point of the box whose distance is positive and flagged as a bound
-        is at least the height away from the surface. All three are measured with a safety factor,
-        not proved: at sampled points, and at points that a search near the worst of them finds.
+        is at least that height away from the surface. The margins and the height are not proved.
+        They are measured with a safety factor, at sampled points and at points that a search near
+        the worst of them finds.
     """
     rng = np.random.default_rng(seed)
     box = rng.uniform(-1, 1, (POINTS, 3))

@@ -47,7 +47,7 @@ class Field:
     ordered : bool
         Answers depend on the path: the points of a call form a path that begins out of contact.
     keeps_length : bool
-        The length of the direction has a meaning, because it was trained to be 1. Such a field
+        The length of the direction is meaningful, because it was trained to be 1. Such a field
         has ``direction(points)``, which returns distance (n,) and direction (n, 3), not
         normalised. The paper's force is multiplied by that length.
     """

@@ -1,4 +1,4 @@
-"""Finds the limit on the parts of a mesh that a query visits: none next to the surface may be cut.
+"""Finds a limit on the parts that a query visits, at which no query next to the surface is cut.
 
 Where very many faces are about equally near, as in the middle of a ball, a query is cut: it returns
 a lower bound of the distance, and a face that is not much farther. But where the boxes of very many
@@ -12,13 +12,14 @@ import numpy as np
 
 from pandis.pipeline.geometry.sampling import Surface
 
-#: Points next to the surface at which queries are tried, besides those at vertices and faces.
+#: Number of points next to the surface at which queries are tried, in addition to those at vertices
+#: and faces.
 _POINTS = 50_000
 #: Heights above and below the surface (unit frame), log-uniform.
 _HEIGHTS = 1e-5, 0.1
 #: Distances from a vertex or a face's middle, as shares of the longest edge there.
 _SHARES = 1e-5, 0.1
-#: A corner of more than _CROWD faces is tried at _TRIES points.
+#: Queries are tried at _TRIES points around a corner of more than _CROWD faces.
 _CROWD, _TRIES = 32, 64
 
 
@@ -39,9 +40,9 @@ def near_surface(vertices, faces, count, rng):
 def at_corners(vertices, faces, rng):
     """Draw points (n, 3) next to every vertex and every face's middle.
 
-    Vertices of very many faces get more points. The vertices themselves are included, but they are
-    the easiest places: the first face visited is at distance 0, so that no other box can be
-    nearer.
+    Vertices shared by very many faces get more points. The vertices themselves are included, but
+    they are the easiest places: the first face visited is at distance 0, so that no other box can
+    be nearer.
 
     Parameters
     ----------

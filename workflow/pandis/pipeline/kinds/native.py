@@ -105,7 +105,7 @@ def field_file(field, weight_bits=32):
     except ModuleNotFoundError as error:
         if error.name != f"pandis.pipeline.kinds.{field.kind}.file":
             raise  # a module that it imports is missing
-        raise PandisError(f"{field.name}: pandis.h cannot read fields of its kind") from None
+        raise PandisError(f"{field.name}: pandis.h cannot read fields of this kind") from None
     return module.File(field, weight_bits)
 
 

@@ -1,7 +1,7 @@
 """Opens any field by its name: only for evaluation, stress tests, timing, report and export.
 
-A field with a file for ``pandis.h`` is queried through it, so that measurements use what programs
-load. The file is compared with the library's own answers when it is written.
+A field with a file for ``pandis.h`` is queried through that file, so that measurements use what
+programs load. The file is compared with the library's own answers when it is written.
 """
 
 from pathlib import Path

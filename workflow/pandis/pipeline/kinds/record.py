@@ -41,8 +41,10 @@ class DenseRecord(GridRecord):
 
 
 class SplineRecord(GridRecord):
-    """The three lattices of a spline: nodes per axis, the lower bound of the far lattice, and the
-    offset and scale of the integers of each lattice.
+    """The three lattices of a spline.
+
+    Nodes per axis, the lower bound of the far lattice, and the offset and scale of the integers of
+    each lattice.
     """
 
     base_size: int

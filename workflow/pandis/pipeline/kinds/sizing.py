@@ -73,7 +73,7 @@ class Maker(ABC):
 
     @abstractmethod
     def bytes_of(self, size):
-        """Return the bytes that ``pandis.h`` needs to query a field of a size."""
+        """Return the number of bytes that ``pandis.h`` needs to query a field of a size."""
 
     @abstractmethod
     def finer(self, size, other):
@@ -111,7 +111,7 @@ def search(maker, points, task, log):
     Raises
     ------
     PandisError
-        No size meets the error, or fits into the bytes.
+        No size meets the error limits, or fits into the given number of bytes.
     """
     target, what = task.target, f"{maker.form}-auto (bake.auto.{maker.form})"
     if target.bytes is None:
@@ -153,7 +153,7 @@ def _smallest(maker, points, target, what, log):
         if not measured.why:
             return candidate, tried
     if not tried:
-        raise PandisError(f"{what}: no size that was tried comes near the limits: relax them")
+        raise PandisError(f"{what}: no size covers the band: choose another kind of field")
     size, best = min(tried, key=lambda one: one[1].excess)
     raise PandisError(
         f"{what}: no size meets {points.describe_limits(limits)}; the closest, {size:,}, "

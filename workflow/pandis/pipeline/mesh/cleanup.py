@@ -25,7 +25,7 @@ from pandis.pipeline.mesh.topology import (
 PARTING = 1e-7
 #: An inward direction runs along a face if it gains at most this much depth per unit length.
 _SADDLE = 0.05
-#: Share of the area in cancelling faces above which a model is made of two-sided sheets.
+#: Share of the area in cancelling faces above which a model counts as made of two-sided sheets.
 SHEETS = 0.1
 
 
@@ -60,10 +60,10 @@ def clean(vertices, faces, tolerance=0.0):
 def resolve_duplicates(vertices, faces):
     """Cancel opposite faces over the same three vertices: they enclose nothing.
 
-    The remaining faces over the same vertices have the same orientation. One of several exact
-    copies is kept. All are kept if removing the others would open a closed mesh: the exact union
-    resolves them. If cancelling would remove more than `SHEETS` of the area, the faces are the
-    two sides of sheets, and one side of each sheet is kept.
+    The remaining faces over the same vertices have the same orientation. Of several exact
+    copies one is kept, or all if removing the others would open a closed mesh, because the exact
+    union resolves them later. If cancelling would remove more than `SHEETS` of the area, the
+    faces are the two sides of sheets, and one side of each sheet is kept.
     """
     _, index, counts = np.unique(
         np.sort(faces, axis=1), axis=0, return_inverse=True, return_counts=True
@@ -278,8 +278,9 @@ def _wedges(vertices, faces, edges):
 def _part(vertices, faces, moving, straight):
     """Move each copy of a vertex by `PARTING` into the solid that its faces bound.
 
-    Copies move against their mean normals. If surfaces then cross, all copies move along
-    `_ways_in` (``straight``). Otherwise the crossing ones move outward if fewer then cross.
+    Copies move against their mean normals. If surfaces then cross and ``straight`` is set, all
+    copies move along `_ways_in` instead. If it is not set, the copies at crossing faces move
+    outward, provided that fewer faces then cross.
     """
     corners = vertices[faces]
     normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
@@ -339,7 +340,7 @@ def _inward(normals, rounds=60):
 
 
 def loosen(vertices, faces, crossings=crossing_faces, tries=40):
-    """Perturb the corners of the last faces that cross or touch.
+    """Perturb the corners of the few faces that still cross or touch.
 
     After the coordinates of an exact union are rounded to float64, a few faces may touch
     along a line. Each try moves their corners at random, by 1e-9 to 1e-6 of the diagonal.

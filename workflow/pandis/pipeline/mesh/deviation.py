@@ -5,9 +5,9 @@ every vertex but moves the surface. Faces that both meshes share have distance 0
 not measured.
 
 Two kinds of surface are not counted, because repair is meant to change them. *Hidden*
-parts of the source have its solid on both sides (walls inside a union). *Caps* of the
-result are where the source has no surface and its winding number is clearly between 0
-and 1.
+parts of the source have its solid on both sides (walls inside a union). *Caps* are the
+parts of the result where the source has no surface and its winding number is clearly
+between 0 and 1.
 """
 
 import igl
@@ -90,7 +90,7 @@ def deviation(source, result, seed, reference=None, wall=0.0, samples=SAMPLES):
         defined even if the source is a soup. By default the source.
     wall : float
         If the surface was thickened into a wall: half the wall's thickness (mesh
-        units). Points deeper in the result's solid count as hidden.
+        units). Source points deeper than this inside the result's solid count as hidden.
     samples : int
         Number of points per direction, uniform by area.
 
@@ -133,7 +133,7 @@ def deviation(source, result, seed, reference=None, wall=0.0, samples=SAMPLES):
 
 
 def provenance(source, result, reference):
-    """Return each face's origin in a repaired mesh, and its centre's distance from the reference.
+    """Return the origin of each face of a repaired mesh, and its distance to the reference.
 
     Returns
     -------
@@ -192,10 +192,10 @@ def _common(source, result):
 
 
 def inside_changed(reference, result, seed, count=20_000):
-    """Return the share of the inside that a repair has added or lost.
+    """Return the share of the inside that a repair has added or removed.
 
-    Only points whose winding number in the reference is clearly that of inside or outside
-    count, which excludes points near its holes.
+    A point counts only if its winding number in the reference clearly means inside or outside.
+    This excludes points near the reference's holes.
 
     Parameters
     ----------

@@ -104,7 +104,7 @@ class Diagnosis:
             rim = f"{longest['length'] / self.diagonal:.3g} times the mesh's diagonal"
             several = len(self.holes) > 1
             count = f"{len(self.holes):,} holes, the longest" if several else "1 hole"
-            faults.append(f"{count} with {longest['edges']} edges and a rim {rim}")
+            faults.append(f"{count} with {longest['edges']} edges and a rim of {rim}")
         return ", ".join(faults) or "none"
 
 

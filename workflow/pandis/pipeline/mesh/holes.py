@@ -60,7 +60,7 @@ def _rims(faces, edges):
     """Return the rims as lists of half-edges, in the order in which caps traverse them."""
     half = np.flatnonzero(edges.boundary[edges.edge_of])
     start, end = edges.directed[half].T
-    # a cap traverses edges opposite to their faces: from end to start
+    # a cap traverses edges in the opposite direction to their faces: from end to start
     follow = dict(zip(end.tolist(), half.tolist(), strict=True))
     if len(follow) != len(half):
         raise ValueError("a vertex lies on two rims: split non-manifold vertices first")

@@ -67,7 +67,7 @@ def read_mesh(source, path, sha256=None, seconds=120.0, memory_gb=3.0):
     form = format_of(path)
     if form not in FORMATS:
         raise PandisError(
-            f"{source}: unknown format '.{form}'; known are "
+            f"{source}: unknown format '.{form}'; the known formats are "
             + ", ".join(f".{known}" for known in FORMATS)
             + ", each also as .gz; convert the mesh to one of them"
         )
@@ -116,7 +116,7 @@ def unpacked(source, path):
                         )
                     target.write(block)
         except (OSError, EOFError, zlib.error) as error:
-            raise PandisError(f"{source}: not a complete gzip file ({error})") from error
+            raise PandisError(f"{source}: it is not a complete gzip file ({error})") from error
         yield plain
 
 
@@ -133,4 +133,4 @@ def check_arrays(vertices, faces):
     with np.errstate(over="ignore"):
         extent = np.ptp(used, axis=0)
     if not np.isfinite(extent).all() or not 1e-150 < extent.max() < 1e150:
-        raise FormatError(f"its extent is {extent.max():g}: too small or too large")
+        raise FormatError(f"its extent is {extent.max():g}, which is too small or too large")

@@ -97,7 +97,7 @@ class Ladder:
         except (tools.LimitError, tools.MissingError) as error:
             left = [name for name in self.options.rungs if name != rung]
             out = f"or leave this rung out: mesh.rungs: [{', '.join(left)}]"
-            # the next rung would give a different mesh from the one with the package installed
+            # stop: with the package installed, the mesh would differ from that of the next rung
             if isinstance(error, tools.MissingError):
                 remedy = (
                     f"needs a package: {error}; pip install 'pandis-fields[make,repair]', {out}"
@@ -208,7 +208,7 @@ class Ladder:
                 if share > getattr(self.options, f"deviation_{key}"):
                     return (
                         f"deviation {way.replace('_', ' ')}: {key} {100 * share:.3g} % of the "
-                        f"diagonal, mesh.deviation_{key} is "
+                        f"diagonal, but mesh.deviation_{key} is "
                         f"{100 * getattr(self.options, f'deviation_{key}'):g} %"
                     )
         self._measured = moved

@@ -12,7 +12,7 @@ def signed_volumes(vertices, faces, component, count):
 
 
 def nesting_depth(vertices, faces, component, count, crossings):
-    """Return for each component the number of other components that wholly enclose it.
+    """Return, for each component, the number of other components that wholly enclose it.
 
     Parameters
     ----------

@@ -11,7 +11,7 @@ import numpy as np
 from pandis.base.errors import PandisError
 from pandis.pipeline.run.ask.sourcing import regions_file
 
-#: Maximum number of regions of a mesh: an index is one byte.
+#: Maximum number of regions of a mesh: an index into the regions is stored in one byte.
 MOST = 255
 #: Formats whose readers preserve the order of a file's triangles.
 IN_ORDER = "obj", "ply", "stl", "off"
@@ -40,7 +40,7 @@ def named_in(reading, log):
         return None
     names, region = np.unique(reading.materials, return_inverse=True)
     if len(names) > MOST:
-        log(f"it names {len(names)} materials, too many for regions (at most {MOST})")
+        log(f"the file names {len(names)} materials, too many for regions (at most {MOST})")
     if not 1 < len(names) <= MOST:
         return None
     return region.reshape(-1), [str(name) for name in names]
@@ -79,8 +79,8 @@ def read_beside(path, form, count):
         return None
     if form not in IN_ORDER:
         raise PandisError(
-            f"{beside}: the parts of a .{form} scene have no common order of triangles: name "
-            "materials in the scene itself and remove this file"
+            f"{beside}: the parts of a .{form} scene have no common order of triangles. "
+            "Name the materials in the scene itself and remove this file"
         )
     try:
         whose = np.asarray(np.load(beside, allow_pickle=False))
@@ -88,8 +88,8 @@ def read_beside(path, form, count):
         raise PandisError(f"{beside}: not an array that NumPy can load ({error})") from None
     if whose.shape != (count,) or whose.dtype.kind not in "biuU":
         raise PandisError(
-            f"{beside}: an array of shape {whose.shape} and type {whose.dtype}; the mesh has "
-            f"{count:,} triangles: store as many integers or names, in the same order"
+            f"{beside}: the array has shape {whose.shape} and type {whose.dtype}; the mesh has "
+            f"{count:,} triangles: store as many integers or names, in the triangles' order"
         )
     names, region = np.unique(whose, return_inverse=True)
     if len(names) > MOST:

@@ -2,7 +2,7 @@
 
 The rungs of the repair ladder are tried in order until the mesh is valid. The mesh is
 diagnosed after each rung. A result is kept only if it passes the rung's test (usually:
-fewer faults) and, from ``fill`` on, stays within the deviation budget:
+fewer faults) and, from ``fill`` on, stays within the deviation budget. The rungs are:
 
 ======== ====================================================================
 clean    weld, drop degenerate and duplicate faces, orient outward, split
@@ -31,7 +31,7 @@ RUNGS = ("clean", "union", "fill", "meshfix", "remesh", "wrap")
 REMESH_LEVELS = (7, 8)
 #: Vertices are coplanar if their smallest singular value is at most this share of the largest.
 FLAT = 1e-9
-#: Share of duplicate faces above which a mesh consists of sheets without thickness.
+#: Share of duplicate faces above which a mesh is taken to consist of sheets without thickness.
 SHEETS = 0.2
 #: Alpha and offset of `wrap`, as shares of the diagonal.
 WRAP_ALPHA, WRAP_OFFSET = 0.005, 0.0002
@@ -40,7 +40,8 @@ WRAP_ALPHA, WRAP_OFFSET = 0.005, 0.0002
 def repair(vertices: Vertices, faces: Faces, options, seed, log=print):
     """Repair a mesh with as few rungs of the ladder as needed.
 
-    A mesh that is valid as read is returned bitwise unchanged, without unreferenced vertices.
+    A mesh that is valid as read is returned bitwise unchanged, but without its unreferenced
+    vertices.
 
     Parameters
     ----------
@@ -158,7 +159,7 @@ def _without_inside(ladder, flat):
     if turned:
         what = (
             f"{turned:,} of {len(ladder.faces):,} faces are a closed surface with one side only, "
-            "like a Klein bottle: it has no inside"
+            "like a Klein bottle. Such a surface has no inside"
         )
     raise PandisError(f"{what}. {THICKEN}")
 
@@ -203,7 +204,7 @@ def _orient(ladder):
     if hollow.any():
         ladder.log(
             f"a solid inside another becomes a cavity, as mesh.nested requires: {hollow.sum()} "
-            f"components, {was[hollow].sum():.4g} cubic mesh units of {was[was > 0].sum():.4g}; "
+            f"components, {was[hollow].sum():.4g} of {was[was > 0].sum():.4g} cubic mesh units; "
             "`mesh: {nested: solid}` keeps it solid"
         )
 
@@ -315,7 +316,7 @@ def _open_message(ladder, holes, paired):
     if paired:
         advised = f"Its faces come in pairs, back to back: sheets without thickness. {THICKEN}"
     return (
-        f"the mesh is open: {ladder.now.faults()}. Holes too large to fill without asking: "
+        f"the mesh is open: {ladder.now.faults()}. Holes too large to fill without permission: "
         f"{len(holes)} (the widest rim is {holes[0]['rim']:.3g} times the diagonal of "
         f"its part, mesh.small_hole is {ladder.options.small_hole:g}). This may be a surface "
         f"without an inside. {advised}"

@@ -43,7 +43,7 @@ def call(operation, vertices=None, faces=None, *, seconds, memory_gb, **paramete
     vertices, faces : ndarray, optional
         The mesh to work on.
     seconds, memory_gb : float
-        Limits on time (s) and memory (GB).
+        Limits on time (s) and memory (GiB).
     **parameters
         Further arguments of the operation: numbers and strings.
 
@@ -134,7 +134,7 @@ def _run(operation, mesh, seconds, memory_gb, parameters):
             raise LimitError(f"took longer than {seconds:g} s") from error
         if done.returncode or not output.is_file():
             if any(word in done.stderr for word in ("MemoryError", "bad_alloc", "std::length")):
-                raise LimitError(f"needs more than {memory_gb:g} GB of memory")
+                raise LimitError(f"needs more than {memory_gb:g} GiB of memory")
             if done.returncode < 0:
                 raise ToolError(f"crashed (signal {-done.returncode})")
             message = (done.stderr.strip().splitlines() or ["no message"])[-1]
@@ -197,7 +197,7 @@ def union(vertices, faces):
     faces = faces[np.lexsort((*faces.T[::-1], birth))]
     if not len(crossings(vertices, faces)):
         return vertices, faces
-    # rounding to float64 made faces cross: weld close vertices, then perturb remaining ones
+    # rounding to float64 made faces cross: weld close vertices, then perturb what still crosses
     diagonal = np.linalg.norm(np.ptp(vertices, axis=0))
     welded = cleanup.clean(vertices, faces, 1e-9 * diagonal)
     if len(welded[1]) and EdgeTable(welded[1]).balanced:

@@ -116,7 +116,7 @@ def one_sided(faces):
     one, other = half[starts[pairs]], half[starts[pairs] + 1]
     agree = edges.runs_forward[one] != edges.runs_forward[other]
     f, g = one // 3, other // 3
-    # the graph has two nodes per face, its sides, each linked to the neighbour's same side
+    # the graph has a node for each side of a face, linked to the same side of each neighbour
     ways = [(f, np.where(agree, g, g + count)), (f + count, np.where(agree, g + count, g))]
     start, end = (np.concatenate(side) for side in zip(*ways, strict=True))
     graph = coo_array((np.ones(len(start)), (start, end)), shape=(2 * count, 2 * count))

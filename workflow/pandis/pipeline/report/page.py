@@ -87,7 +87,7 @@ def mesh_section(name, artifacts, field_names, files=()):
     name : str
     artifacts : list of pandis.pipeline.run.job.artifact.Artifact
         Mesh, trajectory, evaluation, stress, timing, hardware, the artifact of every field, and the
-        samples where there are networks.
+        samples if there are networks.
     field_names : list of str
     files : list of path-like
         Files for ``pandis.h`` that can be touched on the page.
@@ -220,8 +220,9 @@ def _training(model):
     error, size = model.held_out_error, model.direction_length
     symbol = "‖∇Φ‖" if model.architecture.outputs == 1 else "‖Ψ‖"
     return (
-        f"{model.steps:,} steps on {model.device}; force error on its "
-        "own held-out points (half at most 0.01 deep, so it differs from the contact error): "
+        f"{model.steps:,} steps on {model.device}; force error on the "
+        "network's own held-out points (half of them at most 0.01 deep, so that this error differs "
+        "from the contact error): "
         f"mean {error.mean:.2e}, p99 {error.p99:.2e}; "
         f"{symbol} {size.mean:.3f} ± {size.std:.3f}"
     )
@@ -244,15 +245,15 @@ def _sentence(rows, networks, closed_form):
     if able:
         best = min(able, key=lambda row: row["contact_mean"])
         text = (
-            "Of the approximate fields that fail no question of the stress suite and lack at most "
-            f"0.5 % of the surface, {best['field']} has the lowest error where a probe can press: "
-            f"{best['contact_millinewtons']:.3g} mN on average, {best['contact_percent']:.2g} % of "
-            "the mean force."
+            "Of the approximate fields that fail no question of the stress suite and lack the "
+            f"force on at most 0.5 % of the surface, {best['field']} has the lowest error where a "
+            f"probe can press: {best['contact_millinewtons']:.3g} mN on average, "
+            f"{best['contact_percent']:.2g} % of the mean force."
         )
     else:
         text = (
-            "Every approximate field fails a stress question, lacks too much of the surface, or "
-            "could not be judged on enough of it."
+            "Every approximate field fails a stress question, lacks the force on too much surface, "
+            "or could not be judged on enough of the surface."
         )
     error = {row["field"]: row["trajectory_mean"] for row in approximate}
     base = next((b for b in BASELINES if error.get(b)), None)

@@ -51,7 +51,7 @@ PRINTED = {
         "error": (0, 0.176, 0.054, 0.171, 0.041, 0.068),
     },
 }
-#: Printed figures of Table 5, by field. Other readings of a method have no printed figure.
+#: Printed figures of Table 5, by field. Fields that interpret a method in another way have none.
 SPHERE = {
     "exact": 0,
     "nearest-100": 0.097,
@@ -124,7 +124,7 @@ def _training(scans):
         (*heads, "Training, paper", "here", "Steps"),
         rows,
         "The paper's 10,000 epochs are about 10,000 · (vertices // 1,400) steps, on an RTX 2060 "
-        "SUPER; the Dragon's printed faces belong to another reconstruction.",
+        "SUPER. The printed number of faces of the Dragon belongs to another reconstruction.",
     )
 
 
@@ -155,8 +155,8 @@ def _setup(scans):
         "Table 2, above: setup time (h:mm:ss)",
         _heads(scans, "paper", "here"),
         _each(scans, cells),
-        "Here: the job that built the field, from start to written artifact; NN-i and Tri-i share "
-        "a job. The paper queried its ground truth, which has no tree, at every node.",
+        "Here: time of the job that built the field, from start to written artifact; NN-i and "
+        "Tri-i share a job. The paper queried its ground truth, which has no tree, at every node.",
     )
 
 
@@ -214,10 +214,11 @@ def _errors(scans):
         rows,
         "Here: the first trajectory, unit frame, k = 1; beside it the contact error, where a probe "
         "can press, and the share of the surface that does not push back. The paper states neither "
-        "k nor the scale of its meshes, weights by 1/j as printed, and traced its paths with Tri-i "
-        "itself. So only the ratio to Tri-i 64³ can be compared, on the mesh's own box as in the "
-        "paper. Networks that were trained in the same way with several seeds share a row: for two "
-        "it has both figures, for more the mean and its 95 % interval (Student's t).",
+        "k nor the scale of its meshes, weights sample j by 1/j in its printed formula, and traced "
+        "its paths with Tri-i itself. Therefore only the ratio to Tri-i 64³ can be compared, on "
+        "the mesh's own box as in the paper. Networks that were trained in the same way with "
+        "several seeds share a row: with two seeds the row shows both figures, with more the mean "
+        "and its 95 % interval (Student's t).",
     )
 
 
@@ -280,8 +281,9 @@ def _sphere(section):
             "% of the mean force",
         ),
         rows,
-        "The printed errors cannot be right: on 100³ nodes NN-i and Tri-i differ about sixtyfold, "
-        "but only by a factor of 1.2 in print, and NN-i, Tri-i and [22] share a floor near 0.08.",
+        "The printed errors cannot be right: on 100³ nodes, the errors of NN-i and Tri-i differ "
+        "about sixtyfold, but only by a factor of 1.2 in print. The printed errors of NN-i, "
+        "Tri-i and [22] also share a floor near 0.08.",
     )
 
 

@@ -19,8 +19,8 @@ def picks(rows, hardware, folder):
     list of dict
         ``field`` and ``file``; texts: ``error``, ``size``, ``time``, ``safe`` (a sentence on the
         safe stiffness), ``why`` (the beginning of a sentence) and ``through`` (a sentence, if hard
-        presses go through with penalty forces and so a proxy has to be used; otherwise empty);
-        numbers, of which ``stiffness`` is the safe one.
+        presses go through walls with penalty forces, so that a proxy has to be used; otherwise
+        empty); and numbers, of which ``stiffness`` is the safe stiffness.
     """
     able, tried = usable(rows, hardware), hardware.fields
     exact = [row for row in able if row["contact_mean"] == 0]
@@ -106,7 +106,7 @@ def _pick(row, verdict, folder):
     if most is not None:
         safe = (
             f"In simulation it is safe up to {most:,.0f} N/m in a light hand; an armed device "
-            f"gets at most {SHARE} of the stiffness that is safe on it."
+            f"gets at most {SHARE} of the stiffness that is safe on that device."
         )
     passes, presses = _lets_through(verdict)
     through = ""

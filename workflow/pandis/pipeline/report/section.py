@@ -29,7 +29,7 @@ class Section:
     built, sound : int
         Numbers of fields that were built, and of fields that may be used.
     per_unit, metres : float
-        Newtons per mesh unit of depth, and metres per mesh unit under the device.
+        Newtons per mesh unit of depth, and metres per mesh unit at the device's scale.
     judged, walls : float, int
         Share of the surface that is judged, and number of points that the validation compares.
     builds : dict of str to float
@@ -38,7 +38,7 @@ class Section:
     sentence, paths_said : str
     repair : list of str
     verdicts, proxy_verdicts, notes : dict of str to str
-        By field: failures alone and through a proxy, and the training of a network.
+        By field: failures without and through a proxy, and a network's training, in words.
     followed : str
         Why the path is less deep than configured; empty if it is not.
     touch : str or None

@@ -68,7 +68,7 @@ FEW = (
     "jump_rms_newtons", "front",
 )  # fmt: skip
 
-#: Mean errors below this are rounding (unit frame): the field is the exact one.
+#: Mean errors below this are rounding errors (unit frame): the field counts as exact.
 ROUNDING = 1e-12
 #: Columns of times that are empty for some fields.
 _IN_C = (

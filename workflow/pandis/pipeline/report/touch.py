@@ -7,7 +7,7 @@ from pandis.bridges.web import LONGEST, STIFFEST, loop, touched
 from pandis.runtime.field import NativeField
 from pandis.runtime.info import no_proxy
 
-#: Largest size (bytes) of one mesh's files and of all parts of a page, so that it opens quickly.
+#: Largest size (bytes) of one mesh's files and of all parts of a page, so that pages open quickly.
 _EACH, _ALL = 1_000_000, 6_000_000
 
 

@@ -30,8 +30,8 @@ def view(arrays, newtons, names, first):
     str
         ``vertices``, ``faces`` and each of ``paths``: little-endian integers in base 64, positions
         in 1/32767 of the unit frame; ``errors``: by field, per vertex, a byte from 0 (10^low mN or
-        less) to 255 (10^high mN or more); ``low``, ``high``, ``first``; ``small``: indices in
-        faces have 16 bits, not 32.
+        less) to 255 (10^high mN or more); ``low``, ``high``, ``first``; ``small``: whether
+        the indices in ``faces`` have 16 bits instead of 32.
     """
     errors = {n: arrays[f"view_error_{n}"] for n in names if f"view_error_{n}" in arrays}
     scale = 1e3 * newtons

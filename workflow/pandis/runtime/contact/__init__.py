@@ -47,7 +47,7 @@ class Options(ctypes.Structure):
     )
 
     def feel(self, materials, regions, texture):
-        """Set materials (an array the caller keeps alive), source of regions, and texture."""
+        """Set the materials (an array kept alive by the caller), source of regions and texture."""
         self.materials, self.material_count = ctypes.addressof(materials), len(materials)
         self.texture = None if texture is None else ctypes.addressof(texture)
         self.regions = None if regions is None else regions.address
@@ -179,7 +179,7 @@ class NativeContact:
     Raises
     ------
     PandisError
-        The object's pose is invalid, or its field is a grid of forces without distance outside.
+        The object's pose is invalid, or its field is a grid of forces (no distances outside).
     """
 
     def __init__(
@@ -215,7 +215,7 @@ class NativeContact:
         Raises
         ------
         PandisError
-            A value is out of range; none is changed.
+            A value is out of range; in this case no option is changed.
         """
         options = self.options
         for name, value in changes.items():
@@ -351,8 +351,8 @@ class TouchedScene(NativeScene):
     def step_all(self, path: ArrayLike, dt: Number = 1e-3) -> Floats:
         """Return the forces (n, 3) along a path, stepping every object's contact at every step.
 
-        These contacts are separate from the scene's and begin with the path. The scene's contacts
-        are restarted.
+        The contacts used here are separate from the scene's and begin with the path. Afterwards
+        the scene's contacts are restarted.
         """
         path = np.ascontiguousarray(path, np.float64).reshape(-1, 3)
         others = ctypes.create_string_buffer(len(self._contacts))

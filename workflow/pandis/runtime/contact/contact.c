@@ -36,7 +36,7 @@ const layout_entry *contact_layout(void) {
 size_t contact_bytes(void) { return sizeof(pandis_contact); }
 size_t contact_touch_bytes(void) { return sizeof(pandis_touch); }
 
-/* Columns for the results of steps, a row each; seconds may be NULL. */
+/* Columns for the results of steps, one row per step; seconds may be NULL. */
 typedef struct {
     double *force, *proxy, *normal, *depth, *slip, *seconds;
     int32_t *state, *flag, *planes, *queries, *face, *region;
@@ -63,8 +63,8 @@ void contact_follow(pandis_contact *contact, const pandis_object *object, const 
     }
 }
 
-/* Step a scene's contacts along a path: forces (three doubles each), flags, queries and objects
- * touched, for each step; with `taken` also its duration, s. */
+/* Step a scene's contacts along a path. For each step, store the force (three doubles), the flag,
+ * and the numbers of queries and of touched objects; with `taken`, also the duration, s. */
 void contact_scene_follow(pandis_scene *scene, const double *path, size_t count, double dt,
     double *forces, unsigned char *flags, int64_t *asked, int64_t *touched, double *taken) {
     for (size_t i = 0; i < count; i++) {
@@ -77,7 +77,7 @@ void contact_scene_follow(pandis_scene *scene, const double *path, size_t count,
     }
 }
 
-/* Make one more step and store at most `most` touches; returns how many there are. */
+/* Make one more step and store at most `most` touches; returns the number of touched objects. */
 size_t contact_scene_touches(pandis_scene *scene, const double *position, double dt,
     const contact_rows *rows, int32_t *objects, pandis_touch *room, size_t most) {
     double force[3];
@@ -91,7 +91,7 @@ size_t contact_scene_touches(pandis_scene *scene, const double *position, double
     return touched;
 }
 
-/* The same forces, stepping every object's contact at every step. */
+/* The forces of contact_scene_follow, computed by stepping every object's contact every time. */
 void contact_step_all(const pandis_object *objects, pandis_contact *contacts, size_t objects_count,
     const double *path, size_t count, double dt, double *forces) {
     pandis_touch touch;

@@ -189,7 +189,7 @@ class Texture(ctypes.Structure):
 
     @classmethod
     def of(cls, function: Height, most: Number, steepest: Number) -> "Texture":
-        """Return a texture from a function of point (3,) and region: height and gradient."""
+        """Return a texture from a function that returns height and gradient: see `Height`."""
 
         def height(_, point, region, gradient):
             raised, slope = function(np.array(point.contents), region)

@@ -35,7 +35,7 @@ class Limits(ctypes.Structure):
     between ticks) and ``impulse`` (largest change between ticks), N; ``speed`` of the probe, m/s;
     ``ramp``, ticks until the full force is reached; ``damping`` (Ns/m) and ``encoder`` step (m) of
     the device; ``stiffness`` of the wall, N/m, which bounds the energy it stores; ``most_damping``
-    (Ns/m) that may be added; ``needs``: the conditions NEEDS_BUTTON and NEEDS_SWITCH.
+    (Ns/m) that may be added; ``needs``: NEEDS_BUTTON and NEEDS_SWITCH, where they apply.
     """
 
     _fields_ = (
@@ -146,7 +146,7 @@ class Session(NamedTuple):
     strongest, steepest, added, fastest : float
         Largest force, change and addition between ticks (N); largest speed (m/s).
     cut, slowed, damped : int
-        Numbers of ticks with a force, or a change of it, above the limit, and with damping.
+        Numbers of ticks in which the guard limited the force, limited its change, or damped it.
     armed_at : int
         The first tick whose force was sent; -1 if there was none.
     signs : int
@@ -208,7 +208,7 @@ class Session(NamedTuple):
         return f"{words}: {self.why}" if self.why else words
 
 
-#: Keeps memory alive that a callback may still use if it has not returned.
+#: Objects kept alive because a callback that has not returned may still use their memory.
 _ALIVE = []
 
 
@@ -232,7 +232,7 @@ def library():
         function.argtypes, function.restype = [ctypes.c_int], text
     names = tuple((lib.client_cause_name(k) or b"").decode() for k in range(len(_NAMES) + 1))
     if names != (*_NAMES, ""):
-        raise PandisError(f"causes are {names} in C, and {_NAMES} in Python; change both")
+        raise PandisError(f"the causes are {names} in C but {_NAMES} in Python; make them agree")
     lib.client_device.argtypes = [text, text, pointer, pointer]
     lib.client_simulated.argtypes = [*[pointer] * 5, ctypes.c_int, *[pointer] * 2]
     size = ctypes.c_size_t
@@ -270,15 +270,15 @@ class Order(NamedTuple):
     bridge : object, optional
         Bridge to a simulation that moves the scene's objects: see `pandis.bridges.mujoco.bridge`.
     between : callable, optional
-        Function called every ``every`` ticks, in simulated time only, such as a simulation in step
-        with the device. An exception in it ends the run and is raised afterwards.
+        Called every ``every`` ticks, in simulated time only, for example to advance a simulation in
+        step with the device. An exception in it ends the run and is raised afterwards.
     every : int
     hold : int
         Number of ticks for which each computed force is kept; must be 1 on a real device.
 
     Notes
     -----
-    Deadline, gap and patience apply to real devices: in simulated time nothing is late.
+    Deadline, gap and patience apply only in real time: in simulated time nothing is late.
     """
 
     scene: object

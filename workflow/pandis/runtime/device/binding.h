@@ -102,7 +102,8 @@ static const layout_entry client_entries[] = {
 /* Return the memory layout of the structures that a binding in another language mirrors. */
 const layout_entry *client_layout(void) { return client_entries; }
 
-/* For programs that create a bridge in memory that they provide: `bridge_room` doubles. */
+/* For programs that create a bridge in their own memory: the size of a bridge, and the number of
+ * doubles of room that it needs. */
 size_t bridge_bytes(void) { return sizeof(bridge); }
 
 size_t bridge_room(size_t count) { return bridge_doubles(count); }
@@ -113,7 +114,8 @@ void bridge_open(bridge *b, pandis_poses *poses, size_t count, double *room) {
 
 void bridge_take(bridge *b, double *sums) { bridge_read(b, sums); }
 
-/* Data for the frame of poses that is handed over next: a `bridge_frame` for each object. */
+/* Where to write the data of the frame of poses that is handed over next: a `bridge_frame` for each
+ * object. */
 double *bridge_next(const bridge *b) {
     return (double *)(void *)(b->frames + (size_t)b->poses->writing * b->count);
 }

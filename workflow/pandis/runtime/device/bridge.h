@@ -1,26 +1,26 @@
-/* A bridge between a haptic loop and a simulation on another thread that moves the objects of its
- * scene.
+/* A bridge between a haptic loop and a simulation on another thread that moves the objects of the
+ * loop's scene.
  *
  * For each object the loop sums impulse and angular impulse about the scene's origin since the run
  * began. The simulation reads the latest complete sums and subtracts those that it read before, so
- * that nothing is lost or counted twice, whatever the two rates are. Neither waits: three slots
- * change hands, as for poses (parts/poses.h).
+ * that nothing is lost or counted twice, whatever the rates of loop and simulation are. Neither
+ * waits for the other: three slots change hands, as for poses (parts/poses.h).
  *
  * Each frame of poses comes with every object's response to a push, and with the sums that the
- * frame accounts for. Until the next frame the loop moves an object by the impulse given since,
- * according to its inertia. Otherwise objects would give way late, and that delay would add energy.
- */
+ * frame accounts for. Until the next frame, the loop moves each object according to its inertia and
+ * to the impulse that it has received since. Otherwise objects would give way late, and that delay
+ * would add energy. */
 #ifndef BRIDGE_H
 #define BRIDGE_H
 
 #include <string.h>
 
-/* Periods that objects may wait for the simulation. Impulses given later are dropped: all at once
- * they would be a blow. */
+/* Number of periods that objects may wait for the simulation. Impulses given later are dropped,
+ * because they would reach the simulation all at once, as a blow. */
 #define BRIDGE_WAITS 4
 
-/* Numbers per object: impulse (N s) and angular impulse (N m s); and of a pose: quaternion and
- * translation. */
+/* How many numbers an object's sums have (impulse, N s, and angular impulse, N m s), and how many a
+ * pose has (quaternion and translation). */
 enum { BRIDGE_SUMS = 6, BRIDGE_POSE = 7 };
 
 /* Data of an object that comes with a frame. */
@@ -60,7 +60,7 @@ static void bridge_begin(bridge *b, pandis_poses *handle, size_t count, double *
     b->reading = 1, b->waiting = 2;
 }
 
-/* The pose of an object: on its way between frames, displaced by the hand. */
+/* The pose of an object: a point on its way between frames, displaced as the hand has moved it. */
 static void bridge_place(const bridge *b, size_t object, double *pose) {
     const pandis__poses *poses = b->poses;
     const double *from = pandis__way_of(poses, object), *to = from + BRIDGE_POSE,
@@ -78,7 +78,8 @@ static void bridge_place(const bridge *b, size_t object, double *pose) {
     for (int k = 0; k < 3; k++) pose[4 + k] += gone[k] + more[k];
 }
 
-/* Advance the objects by a tick. A new way begins where the hand has moved the object. */
+/* Advance the objects by a tick. When a frame arrives, an object's way to it begins at the pose to
+ * which the hand has moved the object. */
 static void bridge_advance(bridge *b, pandis_scene *scene, double dt) {
     pandis__poses *poses = b->poses;
     /* if the simulation is late, objects wait */
@@ -113,8 +114,8 @@ static void bridge_advance(bridge *b, pandis_scene *scene, double dt) {
     }
 }
 
-/* Advance the objects by a tick, and record how far that carries the touched ones: energy that the
- * hand gets from their motion is not the contact's fault. */
+/* Advance the objects by a tick, and record how far that carries the touched ones, because energy
+ * that the hand gets from their motion must not be attributed to the contact. */
 static void bridge_move(bridge *b, pandis_scene *scene, double dt) {
     double force[3] = {0}, work = 0, size;
     /* t->normal: the proxy in its object's axes, scene lengths */
@@ -140,8 +141,8 @@ static void bridge_move(bridge *b, pandis_scene *scene, double dt) {
     for (int k = 0; k < 3; k++) b->carried[k] = size > 0 ? work / size * force[k] : 0;
 }
 
-/* Give each touched object the opposite of the hand's force, scaled by the share that the guard
- * lets through. */
+/* Give each touched object the opposite of the force that it exerts on the hand, scaled by the
+ * share of that force that the guard lets through. */
 static void bridge_give(bridge *b, size_t touched, double share, double dt) {
     b->touched = touched < b->count ? touched : b->count;
     for (size_t i = 0; i < b->touched && b->late <= BRIDGE_WAITS * b->poses->period; i++) {

@@ -23,7 +23,7 @@
 /* RELEASE: ticks of zero force before a run releases the device. LOOK: interval of the watchdog's
  * checks, ns. */
 #define RELEASE 5
-/* s between two calls: at longer intervals walls give a light hand more than a millijoule */
+/* longest interval between two calls, s: beyond it, walls give a light hand more than 1 mJ */
 #define SLOWEST 0.004
 #define LOOK 1000000
 
@@ -54,7 +54,7 @@ typedef struct {
     /* called every `every` ticks, in simulated time only; nonzero ends the run */
     int (*between)(void);
     int every, held; /* ticks between these calls; ticks for which each force is held */
-    /* starts a watchdog process once the device is open; 0: it could not; or NULL */
+    /* starts a watchdog process once the device is open, and returns 0 if it cannot; or NULL */
     int (*watch)(void);
     watchdog_pulse *pulse; /* shared with that process, or NULL */
 } client_order;
@@ -64,7 +64,7 @@ typedef struct {
     unsigned int code; /* the device's error, if that is the cause */
     int stand_in, simulated, hangs, watched;
     long long ticks; /* that were run */
-    double worst;    /* J, see energy.h; of a simulated device by its true positions */
+    double worst;    /* J, see energy.h; for a simulated device, from its true positions */
     double strongest, steepest, fastest, added;
     long long cut, slowed, damped;
     long long armed_at, signs; /* see guard.h */
@@ -74,7 +74,7 @@ typedef struct {
 } client_outcome;
 
 /* Static, with a copy of the order, because a callback that hangs may outlive its run. In that case
- * the order's targets must stay alive, and no other run may begin. */
+ * the memory that the order points to must stay alive, and no other run may begin. */
 static struct {
     device device;
     device_spec spec;
@@ -144,7 +144,7 @@ static int client_meet(client_outcome *outcome) {
 static void client_warn(void) {
     fputs("pandis: forces are sent from now on. No second process could take the device (the "
           "library refused it, or it did not\n"
-          "start in time), so nothing else can end them: if this process is killed (SIGKILL) or "
+          "start in time). Only this process can end the forces: if it is killed (SIGKILL) or "
           "halted (SIGSTOP, a debugger),\n"
           "the motors hold the last force. Keep the device's switch or its plug within reach.\n",
         stderr);
@@ -187,7 +187,7 @@ static int client_run(
     const guard *g = &client.guard;
     outcome->cause = g->cause ? g->cause : __atomic_load_n(&client.cancelled, __ATOMIC_SEQ_CST);
     outcome->code = client.code, outcome->ticks = beat < order->ticks ? beat : order->ticks;
-    /* a simulated device does not know that touched objects move */
+    /* a simulated device does not account for the motion of touched objects */
     outcome->worst = client_real() || order->bridge ? g->energy.worst : simulated.energy.worst;
     outcome->strongest = g->strongest, outcome->steepest = g->steepest, outcome->added = g->added;
     outcome->fastest = g->fastest, outcome->cut = g->cut, outcome->slowed = g->slowed,

@@ -2,10 +2,10 @@
  *
  * Lengths are in metres, forces in newtons and times in seconds, whatever the units of the maker's
  * library. Time is driven in one of two ways. A device with its own scheduler (*callback*) has
- * `start`: it calls the tick passed to it until that returns 0. Every other device (*pull*) leaves
- * `start` empty. The client then calls the tick at the device's rate, by its own clock. If the
- * device has `next`, the client calls tick and `next` in turn, without a clock: that is the
- * simulated device, in simulated time. Implementations: the simulated device (simulated.h) and
+ * `start`, which makes it call the given tick until the tick returns 0. Every other device (*pull*)
+ * leaves `start` empty. The client then calls the tick at the device's rate, by its own clock. If
+ * the device has `next`, the client calls tick and `next` in turn, without a clock; this is how the
+ * simulated device runs in simulated time. Implementations: the simulated device (simulated.h) and
  * OpenHaptics' HDAPI (hd.h). The guard and its energy observer are in front of this interface, in
  * client.c, so that no device bypasses them.
  */

@@ -4,15 +4,17 @@
 
 #include <math.h>
 
-/* Energy exchanged by a wall and a device since a contact began; only the debt is older. */
+/* Energy exchanged by a wall and a device since a contact began. Only `worst` and `debt` also cover
+ * earlier contacts. */
 typedef struct {
     double balance;   /* energy taken by the wall and lost by the device, capped as below, J */
     double strongest; /* largest force of this contact, N */
     /* energy taken while the force was at its limit, which F^2 / 2k does not include, J */
     double beyond;
-    /* least balance of all contacts, J: below zero the wall gave more than it took and was lost */
+    /* least balance of all contacts, J; if below zero, the wall gave more energy than it had taken
+     * and the device had lost */
     double worst;
-    double debt;  /* energy that earlier contacts gave and none has paid back, J: at most 0 */
+    double debt;  /* energy that earlier contacts gave and that was not paid back, J: at most 0 */
     double spare; /* losses of the device beyond the cap, J */
 } energy;
 

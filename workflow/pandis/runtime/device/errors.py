@@ -8,7 +8,7 @@ ERRORS = {
     0x0104: "HD_BAD_HANDLE: the device was not found; check its cable and its name",
     0x0200: "HD_WARM_MOTORS: the motors are hot; let them cool, and lower the stiffness",
     0x0201: "HD_EXCEEDED_MAX_FORCE: lower device.stiffness, or correct hardware.attached.model",
-    0x0202: "HD_EXCEEDED_MAX_FORCE_IMPULSE: lower device.stiffness: the force changes too fast",
+    0x0202: "HD_EXCEEDED_MAX_FORCE_IMPULSE: the force changes too fast; lower device.stiffness",
     0x0203: "HD_EXCEEDED_MAX_VELOCITY: move more slowly, or lower the stiffness",
     0x0204: "HD_FORCE_ERROR: the force could not be rendered; lower the stiffness",
     0x0300: "HD_DEVICE_FAULT: check power and cable, and calibrate the device",
@@ -16,5 +16,5 @@ ERRORS = {
     0x0304: "HD_TIMER_ERROR: the scheduler's timer fails; stop other programs",
     0x0400: "HD_ILLEGAL_BEGIN: a frame was begun within another; stop other programs",
     0x0401: "HD_ILLEGAL_END: a frame was ended before it was begun; stop other programs",
-    0x0402: "HD_FRAME_ERROR: two frames in one tick; stop other programs",
+    0x0402: "HD_FRAME_ERROR: a tick had two frames; stop other programs",
 }

@@ -8,14 +8,14 @@
  *    button disarms at once.
  * 3. The force is ramped up; during contact no faster than the device's losses pay for.
  * 4. A wall that gives energy, or shakes, is damped (Hannaford and Ryu 2002): by no more than
- *    the device tolerates, and never so that it pulls towards the wall. The run ends if damping
- *    has not stopped this after 50 ms, if the wall shakes a third time within a second, if
+ *    the device tolerates, and never so that the force becomes a pull. The run ends if damping
+ *    has not stopped the trouble after 50 ms, if the wall shakes a third time within a second, if
  *    energy is missing repeatedly, or if a quarter of a millijoule is missing.
  * 5. The force is limited to the device's peak force. As the motors' average load approaches the
  *    force that they can sustain, the limit falls to that force.
  * 6. Slew: the force added in a tick is limited. Any share of the last force may be removed at
  *    once, up to the device's own limit of change.
- * 7. The force sent is a number and within the limit. Otherwise it is zero, and the run ends.
+ * 7. A force that is not a number, or is beyond the limit, becomes zero, and the run ends.
  *
  * Limits that are negative or not finite are refused before anything is sent.
  */
@@ -29,7 +29,7 @@
 #include <float.h>
 #include <string.h>
 
-/* Causes for a run's end, by name and in words. This is the only list of them. */
+/* Causes of a run's end, by name and in words. This is the only list of them. */
 #define GUARD_CAUSES(CAUSE)                                                                        \
     CAUSE(DONE, "ran to its end")                                                                  \
     CAUSE(LIBRARY, "the device's library cannot be used")                                          \
@@ -38,7 +38,7 @@
     CAUSE(SPEED, "the probe was faster than the limit")                                            \
     CAUSE(NUMBER, "a position or a force was not a number, or a force was beyond the limit")       \
     CAUSE(OVERRUN, "several callbacks in a row took longer than the deadline")                     \
-    CAUSE(WATCHDOG, "the device's scheduler made no call, or one did not return")                  \
+    CAUSE(WATCHDOG, "the device's scheduler made no call, or a call did not return")               \
     CAUSE(GAP, "two calls of the device's scheduler were too far apart, or one took too long")     \
     CAUSE(INTERRUPTED, "the program was interrupted")                                              \
     CAUSE(CALIBRATION, "the device is not calibrated, or no longer calibrated")                    \
@@ -59,7 +59,7 @@ enum { GUARD_CAUSES(GUARD_NAME) CAUSES };
 /* Conditions for sending a force: the button is held, the safety switch is closed. */
 enum { NEEDS_BUTTON = 1, NEEDS_SWITCH = 2 };
 
-#define GUARD_SLACK 2e-5 /* J that may be missing: an encoder's step hides as much */
+#define GUARD_SLACK 2e-5 /* J that may be missing: an encoder's step can hide this much */
 /* J: a deficit of this much ends the run at once, and no tick may give more */
 #define GUARD_SPENT 2.5e-4
 #define GUARD_PATIENCE 0.05 /* s until damping must have stopped the trouble */
@@ -108,9 +108,9 @@ typedef struct {
     /* first tick with forces, or -1; number of signs of instability */
     long long armed_at, signs;
     int armed, cause, at_most; /* at_most: the last force was cut */
-    /* in the last tick the wall pushed, even if the guard removed it, or a force was sent */
+    /* in the last tick the wall pushed, even if the guard removed its force, or a force was sent */
     int touching;
-    int shook; /* it shook in the last tick */
+    int shook; /* the probe shook in the last tick */
     /* signs, decaying by GUARD_OFTEN per second; time of the last one, s */
     double often, sign;
     double share; /* of the full force, by the ramp */
@@ -143,9 +143,9 @@ static void guard_watch(guard *g, const device_state *state, int calibrated) {
     if (!(state->temperature < GUARD_HOT)) guard_end(g, CAUSE_HOT);
 }
 
-/* Energy (J) that only seems to be missing because an encoder reports motion in steps: the whole
- * step is booked with the force at its start, though the force at its end acted over half of it,
- * unless the step took less than a tick. */
+/* Energy (J) that only seems to be missing because an encoder reports motion in steps. The whole
+ * step is booked with the force at its start, although the force at its end acted over half of it.
+ * Zero if the step took less than a tick. */
 static double guard_unseen(const guard *g, double length, double speed, double dt) {
     double step = g->limits.encoder;
     if (!(step > 0 && length > 0 && length <= 2 * step)) return 0;
@@ -172,9 +172,9 @@ static void guard_observe(guard *g, const double *position, const double *speed,
     if (length / dt > g->limits.speed) guard_end(g, CAUSE_SPEED);
 }
 
-/* Compare the motion since the last tick with the device's velocities. A stuck encoder does not
- * move while the device does, and a drifting one moves by itself. NaN velocities disable the check.
- */
+/* Compare the motion since the last tick with the device's velocities. A stuck encoder
+ * reports no motion while the device moves; a drifting one reports motion that does not happen.
+ * NaN velocities disable the check. */
 static void guard_compare(guard *g, const device_state *state, double dt) {
     double kept = fmax(0, 1 - dt / GUARD_FORGET), way[3];
     for (int k = 0; k < 3; k++) {
@@ -213,8 +213,8 @@ static int guard_troubled(guard *g) {
     return wrong;
 }
 
-/* Damp a force: as far as allowed if troubled, else by as much energy as the balance lacks. It
- * never becomes a pull. */
+/* Damp a force: as far as allowed if troubled, else just enough to regain the energy that the
+ * balance lacks. The force never becomes a pull. */
 static void guard_damp(guard *g, double *force, double dt, int troubled) {
     double size = length_of(force), fast = length_of(g->velocity), lacking = -guard_has(g);
     if (!(size > 0 && fast > 0) || !(troubled || lacking > 0)) return;
@@ -251,8 +251,8 @@ static void guard_cut(guard *g, double *force) {
     g->cut++, g->at_most = 1;
 }
 
-/* Limit the addition to a share of the last force, and the whole change, in proportion to the
- * elapsed time. */
+/* Limit both the force added to a share of the last force and the whole change, in proportion to
+ * the elapsed time. */
 static void guard_slew(guard *g, double *force, double part) {
     const double most = g->limits.step * part, steepest = g->limits.impulse * part;
     double last = length_of(g->sent), along = 0, added[3], change[3], share = 0;
@@ -286,8 +286,8 @@ static int guard_armed(guard *g, const device_state *state, const double *force,
     return g->armed;
 }
 
-/* Raise the share of the full force. A wall that stiffens under a pressing probe gives it energy,
- * so during contact the share grows no faster than the device's losses pay for. */
+/* Raise the share of the full force. A wall that stiffens under a pressing probe gives the probe
+ * energy. During contact, the share therefore grows no faster than the device's losses pay for. */
 static void guard_ramp(guard *g, double size) {
     double share = g->limits.ramp > 0 ? fmin(1, g->given / g->limits.ramp) : 1;
     if (g->touching && g->limits.stiffness > 0 && size > 0 && share > g->share) {

@@ -1,7 +1,7 @@
 /* OpenHaptics' HDAPI 3 as a device: its constants, a table of its functions (so that the library
  * and its stand-in are interchangeable), and the driver.
  *
- * HDAPI uses millimetres, mm/s and newtons; +x points right, +y up, +z to the user.
+ * HDAPI uses millimetres, mm/s and newtons; +x points right, +y up, +z towards the user.
  */
 #ifndef HD_H
 #define HD_H
@@ -141,7 +141,7 @@ static int hd_closed(const unsigned char *safety) {
     return any != 0;
 }
 
-/* Read `count` numbers; returns 0 if the device does not know them. */
+/* Read `count` numbers; returns 0 if the device does not report them. */
 static int hd_ask(unsigned int what, double *values, int count) {
     for (int k = 0; k < count; k++) values[k] = 0;
     hd.api.get_doubles(what, values);
@@ -172,7 +172,7 @@ static unsigned int hd_open(device *self, const char *name, device_spec *spec) {
     hd.heat = hd_ask(HD_MOTOR_TEMPERATURE, heat, HD_MOTORS);
     hd.api.get_booleans(HD_CURRENT_SAFETY_SWITCH, safety);
     hd.safety = hd_drain() == HD_SUCCESS;
-    /* a device without a switch reads as open, too */
+    /* a device without a switch also reports an open one */
     spec->has_switch = hd.safety && hd_closed(safety);
     return 0;
 }

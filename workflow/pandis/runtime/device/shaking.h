@@ -2,7 +2,7 @@
  *
  * Turns are counted along each axis: points where the motion has reversed by SHAKING_SIZE. Three
  * turns span a whole swing; if they take less than a thirtieth of a second, the probe shakes. A
- * knock against a wall turns once, and a slow hand does not turn three times that fast.
+ * knock against a wall causes only one turn, and a slow hand does not make three turns that fast.
  */
 #ifndef SHAKING_H
 #define SHAKING_H

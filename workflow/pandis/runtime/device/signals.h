@@ -1,5 +1,5 @@
-/* Signals that stop, end or crash the process of a run: zero force is sent first. Part of client.c.
- */
+/* Signals that stop, end or crash the process of a run: zero force is sent before they take effect.
+ * Part of client.c. */
 #ifndef SIGNALS_H
 #define SIGNALS_H
 

@@ -1,11 +1,11 @@
 /* A simulated device with the hand that holds it: a pull device in simulated time, so that a run is
- * the same on every machine. A force that a driver would refuse is an error, with HDAPI's number,
- * and does not reach the motors.
+ * the same on every machine. A force that a driver would refuse is reported as an error, with
+ * HDAPI's code, and does not reach the motors.
  *
  * Device and hand are one mass: m x'' = F + press + k (rest - x) + b_hand rest' - (b + b_hand) x',
- * with Coulomb friction against the motion. At rest, friction holds any force that is not stronger.
- * The motion under a constant force is exact. A tick has four steps; within each, friction has a
- * fixed direction.
+ * with Coulomb friction against the motion. At rest, friction balances any force that does not
+ * exceed it. The motion under a constant force is exact. A tick has four steps; within each,
+ * friction has a fixed direction.
  */
 #ifndef SIMULATED_H
 #define SIMULATED_H
@@ -214,7 +214,7 @@ static void simulated_write(device *self, const double *force, const double *tor
     simulated_accept(force);
 }
 
-/* When driven by a clock, it moves as soon as it gets its force. */
+/* When driven by a clock, the device moves as soon as it receives its force. */
 static void simulated_write_and_move(device *self, const double *force, const double *torque) {
     simulated_write(self, force, torque);
     simulated_advance();

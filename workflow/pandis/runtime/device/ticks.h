@@ -1,5 +1,5 @@
-/* The ticks of a run: the device is read, the scene asked, and a force that passed the guard sent.
- * Part of client.c. */
+/* The ticks of a run: the device is read, the scene is queried, and the force, after passing the
+ * guard, is sent. Part of client.c. */
 #ifndef TICKS_H
 #define TICKS_H
 
@@ -38,7 +38,7 @@ static void client_ask(const double *position, double *force, double *proxy) {
     for (int k = 0; client.touched && k < 3; k++) proxy[k] = touch.proxy[k] + client.middle[k];
 }
 
-/* Send a force. If this causes an error, there may be no other tick, so zero follows at once. */
+/* Send a force. If this causes an error, there may be no other tick: switch the motors off now. */
 static void client_write(double *force) {
     guard *g = &client.guard;
     client.device.write(&client.device, force, NULL);
@@ -95,14 +95,14 @@ static int client_tick(void *data) {
     client.overruns = client_real() && taken > order->deadline ? client.overruns + 1 : 0;
     if (client_real() && client.overruns >= order->overruns) guard_end(g, CAUSE_OVERRUN);
     if (client_real() && taken > order->gap) guard_end(g, CAUSE_GAP);
-    /* after the last tick no field is queried, and that zero force must not arm the guard */
+    /* after the last tick no field is queried; its zero force must not arm the guard */
     double asked[3], size = pandis__dot(force, force);
     memcpy(asked, force, sizeof asked);
     for (int k = 0; k < 3; k++)
         g->carried[k] = order->bridge && due ? order->bridge->carried[k] : 0;
     guard_pass(g, &state, since, order->armed && (tick < order->ticks || g->armed), force);
     if (order->bridge && asks) {
-        /* the guard may have reduced it */
+        /* the share of the force that the guard has let through */
         double share = size > 0 ? pandis__dot(asked, force) / size : 0;
         bridge_give(order->bridge, client.touched, fmin(fmax(share, 0), 1), order->period);
     }
@@ -138,7 +138,8 @@ static void *client_pull(void *none) {
     return none;
 }
 
-/* Wait until the run is over. End it if no call comes, one does not return, or a signal arrives. */
+/* Wait until the run is over. End it if no call comes, a call does not return, or a
+ * signal arrives. */
 static void client_wait(void) {
     const struct timespec look = {0, LOOK};
     long long seen = -1;

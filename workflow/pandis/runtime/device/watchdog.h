@@ -1,5 +1,6 @@
 /* A separate process that ends a device's force when the run's process stops ticking because it was
- * killed or halted. It needs a library that lets two processes open a device. Part of client.c. */
+ * killed or halted. It needs a library that lets two processes open the same device.
+ * Part of client.c. */
 #ifndef WATCHDOG_H
 #define WATCHDOG_H
 

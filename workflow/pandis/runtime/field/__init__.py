@@ -146,7 +146,7 @@ class NativeField:
 
     def __reduce__(self):
         if self._lender is not None:
-            raise TypeError(f"{self.path}: pickle the field that this one was made from")
+            raise TypeError(f"{self.path}: cannot be pickled; pickle the field it was made from")
         if self._bytes is not None:
             return NativeField, (self._bytes.tobytes(),)
         return reopened, (self.path.absolute(), self._stamp)
@@ -221,7 +221,8 @@ class NativeField:
     def clear(self, points: ArrayLike) -> Floats:
         """Return the radii (n,) of surface-free balls around points (n, 3), mesh units.
 
-        They are proven bounds where the search was cut short, else the absolute distance.
+        Where the search was cut short, a radius is a proven lower bound of the distance; elsewhere
+        it is the absolute distance.
         """
         points = as_rows(points)
         clear = np.empty(len(points))
@@ -229,7 +230,7 @@ class NativeField:
         return clear
 
     def faces(self, points: ArrayLike) -> NDArray[np.int32]:
-        """Return the faces (n,) of ``mesh.zarr.zip`` with the closest points to points (n, 3).
+        """Return the faces (n,) of ``mesh.zarr.zip`` that are closest to points (n, 3).
 
         Available for exact meshes, and for compact ones with ``export.original_faces``; -1 for
         other fields and where there is no answer.
@@ -240,7 +241,7 @@ class NativeField:
         return faces
 
     def regions(self, points: ArrayLike) -> NDArray[np.int32]:
-        """Return the regions (n,) of the closest points to points (n, 3); -1 where unknown.
+        """Return the regions (n,) of the surface closest to points (n, 3); -1 where unknown.
 
         Known for exact and compact meshes whose source file names materials.
         """
@@ -260,7 +261,7 @@ class NativeField:
         return tuple(names)
 
     def query_within(self, points: ArrayLike, reach: Number) -> tuple[NativeAnswer, Floats]:
-        """Query points (n, 3) that are within ``reach`` of the surface, mesh units.
+        """Query points (n, 3), answered only where a surface is within ``reach``, mesh units.
 
         Returns
         -------

@@ -54,8 +54,8 @@ void runtime_query(const pandis_field *field, const double *points, size_t count
     }
 }
 
-/* Answers at points: within a reach if that is not negative, else with a hint from one point to the
- * next. */
+/* Answers at points: within a reach if that is not negative, else with a hint that is passed from
+ * one point to the next. */
 void runtime_answers(const pandis_field *field, const double *points, size_t count, double reach,
     double *distances, double *normals, unsigned char *flags, double *clear) {
     pandis_hint hint = {{0}};
@@ -95,7 +95,7 @@ void runtime_clear(const pandis_field *field, const double *points, size_t count
     }
 }
 
-/* Faces of mesh.zarr.zip that hold the closest points; -1 where the field does not know them. */
+/* Faces of mesh.zarr.zip that contain the closest points; -1 where they are unknown. */
 void runtime_faces(const pandis_field *field, const double *points, size_t count, int32_t *faces) {
     pandis_answer answer;
     for (size_t i = 0; i < count; i++) {
@@ -104,7 +104,7 @@ void runtime_faces(const pandis_field *field, const double *points, size_t count
     }
 }
 
-/* Regions of the closest points, likewise. */
+/* Regions of the closest points; -1 where unknown. */
 void runtime_regions(
     const pandis_field *field, const double *points, size_t count, int32_t *regions) {
     pandis_answer answer;

@@ -90,9 +90,11 @@ class Contents(NamedTuple):
         try:
             content = json.loads(bytes(part))
         except ValueError as error:  # includes invalid UTF-8
-            raise ArtifactError(f"{self.field.path}: its provenance is no JSON: {error}") from error
+            raise ArtifactError(
+                f"{self.field.path}: its provenance is not JSON: {error}"
+            ) from error
         if not isinstance(content, dict):
-            raise ArtifactError(f"{self.field.path}: its provenance is no JSON object")
+            raise ArtifactError(f"{self.field.path}: its provenance is not a JSON object")
         return content
 
 

@@ -44,8 +44,8 @@ class MovingField(NativeField):
         Parameters
         ----------
         vertices : ndarray, shape (V, 3), mesh units
-            In the order of ``mesh.zarr.zip``. The frame does not change: points outside its box
-            are answered and flagged as bounds.
+            In the order of ``mesh.zarr.zip``. The frame does not change: queries outside its
+            box are answered, with a flag that marks them as bounds.
 
         Returns
         -------

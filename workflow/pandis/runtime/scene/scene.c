@@ -30,8 +30,8 @@ const layout_entry *scene_layout(void) {
 size_t scene_bytes(void) { return sizeof(pandis_scene); }
 size_t scene_room(size_t count) { return PANDIS_SCENE_ROOM(count); }
 
-/* Forces (three doubles each), flags and number of fields queried, for each point; with `taken`
- * also its duration, s. */
+/* For each point, store the force (three doubles), the flag and the number of fields queried; with
+ * `taken`, also the duration, s. */
 void scene_forces(pandis_scene *scene, const double *points, size_t count, double *forces,
     unsigned char *flags, int64_t *asked, double *taken) {
     for (size_t i = 0; i < count; i++) {
@@ -42,7 +42,7 @@ void scene_forces(pandis_scene *scene, const double *points, size_t count, doubl
     }
 }
 
-/* The same forces, querying every object at every point. */
+/* The forces of scene_forces, computed by querying every object at every point. */
 void scene_ask_all(const pandis_object *objects, size_t objects_count, const double *points,
     size_t count, double *forces) {
     for (size_t i = 0; i < count; i++) {

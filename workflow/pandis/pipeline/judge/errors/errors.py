@@ -131,7 +131,7 @@ def _exact_forces(sets, contacts):
 
 
 def _path_shares(force, trajectory, contacts):
-    """Return the shares of a path with missing force, and the mean error: relative and in N."""
+    """Return the shares of a path (see `shares`), and its mean error: relative and in newtons."""
     pressed, nowhere = contacts.pressed, np.zeros(len(force), bool)
     probes = Probes(*trajectory, nowhere, pressed.scale, pressed.engine)
     mean = float(np.linalg.norm(force - probes.force, axis=1).mean())

@@ -24,7 +24,7 @@ def interval(values):
 def spread(values, form):
     """Format results of several trainings: mean and interval, or up to two values unchanged.
 
-    The interval of two values says little: it is thirteen times as wide as their difference.
+    An interval from two values would say little: it is thirteen times as wide as their difference.
     """
     if len(values) < 3:
         return " and ".join(format(value, form) for value in values)

@@ -10,10 +10,10 @@ from pandis.pipeline.run.records.hardware import AttachedRun, TouchVerdict
 from pandis.runtime.device import DONE, Order, run_device
 from pandis.runtime.scene import NativeScene, Placed
 
-STAND_IN = "A stand-in for OpenHaptics ran, not a device: this is no hardware result."
+STAND_IN = "A stand-in for OpenHaptics ran, not a device: this is not a hardware result."
 UNARMED = (
-    "A haptic device ({model}) was attached; its positions were read, but no force was sent, as "
-    "hardware.attached.arm or the environment variable PANDIS_ARM is not set."
+    "A haptic device ({model}) was attached; its positions were read, but no force was sent, "
+    "because hardware.attached.arm or the environment variable PANDIS_ARM is not set."
 )
 REFUSED = (
     "A haptic device ({model}) was attached; its positions were read, but no force was sent "
@@ -25,7 +25,8 @@ UNTOUCHED = (
 ENDED = "A haptic device ({model}) was attached; the run ended early: {why}."
 REAL = "A haptic device ({model}) was attached, and forces were sent to it, through its library."
 NONE = "No device ran: {why}."
-#: Environment variable that must be 1 in each run with forces: an option would remain set.
+#: Environment variable that must be 1 for each run with forces; an option would stay set for later
+#: runs.
 CONSENT = "PANDIS_ARM"
 #: An armed device uses this share of the stiffness that is safe for a hand of this damping (Ns/m).
 SHARE, HAND = 0.7, "0.3"
@@ -39,7 +40,7 @@ class Span(NamedTuple):
 
 
 def stiffness_for(stiffness, spec, pressed, walls, sound=True):
-    """Return the stiffness with which a device may be armed, and why it may not be, if so.
+    """Return the stiffness with which a device may be armed, and any reason why it may not be.
 
     Parameters
     ----------
@@ -96,8 +97,8 @@ def run_attached(field, scale, options, span, pressed=None, walls=None, sound=Tr
     Returns
     -------
     arrays : dict of str to ndarray
-        Per tick, in the device's workspace: ``position`` (m), ``force`` (N); ``taken``, the time of
-        computing, and ``since``, the time since the last call (s).
+        Per tick, in the device's workspace: ``position`` (m), ``force`` (N); ``taken``, the
+        computing time, and ``since``, the time since the last call (s).
     record : pandis.pipeline.run.records.hardware.AttachedRun
     """
     spec = DEVICES[options.model]

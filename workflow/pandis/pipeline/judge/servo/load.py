@@ -5,7 +5,7 @@ import subprocess
 import sys
 from contextlib import contextmanager
 
-#: Program of a busy loop that ends when its parent process does, even if that one is killed.
+#: Program of a busy loop that ends when its parent process ends, even if the parent is killed.
 _BUSY = "import os\nparent = os.getppid()\nwhile os.getppid() == parent: pass"
 
 

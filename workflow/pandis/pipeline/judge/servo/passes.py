@@ -16,7 +16,7 @@ from pandis.runtime.device import DONE, Order, run_simulated
 from pandis.runtime.scene import NativeScene, Placed
 
 #: A proxy has passed if its depth exceeds the field's largest surface error by more than this (m).
-#: Two proxies are moved at least this far outside before the path between them is tested.
+#: Two successive proxies are moved at least this far outside before their path is tested.
 MARGIN = 5e-5
 #: Distance (m) from the start of a press to its surface point.
 ABOVE = 3e-3
@@ -295,9 +295,9 @@ def _fault(run, distance, outward, margin, oracle, detours=True):
 def _through(places, distance, outward, margin, oracle, detours):
     """Return whether no free path near two places (2, 3) leads from the first to the second.
 
-    The proxy's path between ticks is unknown. The straight segment is tested first, moved outside
-    by the depth that is allowed inside. Then slightly longer paths are tested, through balls that
-    are free by libigl's distances.
+    The proxy's path between ticks is unknown. The straight segment is tested first, with
+    its ends moved outward to at least a margin outside. Then slightly longer paths are tested,
+    through balls that are free by libigl's distances.
     """
     length = np.linalg.norm(places[1] - places[0])
     if length <= np.maximum(0.0, distance).sum():

@@ -1,7 +1,7 @@
 """Presses a simulated, hand-held device onto a field: limits, energy, largest safe stiffness.
 
 The C loop for a real device runs here on a simulated one, in simulated time. It reads positions,
-sends forces through the guard, and has HDAPI's order of calls and errors. The hand presses on
+sends forces through the guard, and keeps to HDAPI's order of calls and errors. The hand presses on
 surface points of every class of inscribed radius, and slides along the evaluation trajectory.
 """
 
@@ -22,7 +22,7 @@ from pandis.runtime.scene import NativeScene, Placed
 TICKS, SLIDE = 1200, 2000
 #: Heights above the surface (m). A press begins at the lowest one where the field has no force.
 _HEIGHTS = START * 2.0 ** np.arange(7)
-#: A press of up to this multiple of the friction may never reach the wall.
+#: A press of up to this multiple of the friction might never reach the wall.
 _STUCK = 1.5
 #: Pressing force as a share of what the wall holds: a sudden press overshoots to twice its force.
 _GENTLE = 0.5
@@ -59,7 +59,7 @@ class Contact(NamedTuple):
     radius : ndarray, shape (m,)
         Inscribed radii at ``feet``.
     hard_feet, hard_outward : ndarray, shape (p, 3)
-        Likewise, for full-force presses through a proxy; they include the thinnest walls.
+        Likewise, for full-force presses through a proxy; includes points on the thinnest walls.
     """
 
     points: np.ndarray

@@ -20,7 +20,8 @@ from pandis.runtime.contact.surfaces import materials_for, texture_for, textures
 from pandis.runtime.field import NativeField
 from pandis.runtime.scene import Placed
 
-#: Least and largest budget of queries per tick, and the share of the deadline that they may take.
+#: Smallest and largest budget of queries per tick, and the share of the deadline that they may
+#: take.
 LEAST, MOST, SHARE = 8, 24, 0.5
 #: Largest angle between a press and the normal, rad.
 _SLANT = 0.3
@@ -41,8 +42,8 @@ class Truth(NamedTuple):
     oracle : pandis.pipeline.judge.servo.passes.Oracle
         Oracle of the mesh in the device's workspace.
     feet : ndarray, shape (n, 3), m
-        Surface points where the field's error is measured. Those without force are left out, so
-        that a hole in a field does not excuse a pass through it.
+        Surface points where the field's error is measured. Points at which the field has no force
+        are left out, so that a hole in the field does not excuse a pass through it.
     """
 
     oracle: object

@@ -5,9 +5,9 @@ Usage::
     PYTHONPATH=workflow python -m pandis.pipeline.judge.servo.touch FIELD.pandis
 
 With ``--simulated``, a hand leads a simulated device through the object and back, in real time.
-Otherwise forces are sent only with ``--arm`` and PANDIS_ARM=1, and only at a stiffness that
-``hardware.json``, beside the exports, found safe for this very file: with penalty forces or, with
-``--proxy``, through the proxy that was validated.
+Otherwise forces are sent only with ``--arm`` and PANDIS_ARM=1, and only at a stiffness that was
+found safe for this very file, according to ``hardware.json`` beside the exports: with penalty
+forces or, with ``--proxy``, through the proxy that was validated.
 """
 
 import argparse
@@ -89,11 +89,11 @@ def known(path, model, size, through_proxy=False):
         return Known(why=f"{verdict} is not a report of this version: run the hardware stage")
     validated = report.fields.get(path.stem)
     if validated is None or validated.sha256 != digest(path):
-        return Known(why=f"{verdict} is about another file: run the workflow's hardware stage")
+        return Known(why=f"{verdict} is for another file: run the workflow's hardware stage")
     if not abs(report.size / size - 1) <= 1e-6:  # negated so that NaN differs, too
-        return Known(why=f"{verdict} is about a longest side of {report.size:g} m: use --size")
+        return Known(why=f"{verdict} is for a longest side of {report.size:g} m: pass it as --size")
     if report.rate != DEVICES[model].rate:
-        return Known(why=f"{verdict} is about {report.rate:g} Hz, not this device's rate")
+        return Known(why=f"{verdict} is for {report.rate:g} Hz, not this device's rate")
     if not (validated.agrees and validated.in_time):
         return Known(why=f"{verdict} says: {validated.sentence}")
     proxy, devices = None, validated.devices
@@ -102,7 +102,7 @@ def known(path, model, size, through_proxy=False):
         if proxy is None:
             return Known(why=f"{verdict} has no proxy: {validated.no_proxy}")
         if not proxy.in_time:
-            return Known(why=f"{verdict} says: a proxy does not compute its forces in time")
+            return Known(why=f"{verdict} says: the proxy's forces take too long to compute")
         devices = proxy.devices
     pressed = devices.get(model)
     if pressed is None:
@@ -178,15 +178,15 @@ def main(words=None):
     parser.add_argument("--name", default="", help="name of the device; empty: the default one")
     parser.add_argument("--simulated", action="store_true", help="use a simulated device")
     parser.add_argument("--size", type=float, default=0.1, help="longest side, m")
-    parser.add_argument("--stiffness", type=float, default=400.0, help="stiffness asked for, N/m")
+    parser.add_argument("--stiffness", type=float, default=400.0, help="requested stiffness, N/m")
     parser.add_argument("--seconds", type=float, default=10.0)
     parser.add_argument("--proxy", action="store_true", help="use a proxy that stays outside walls")
     parser.add_argument("--radius", type=float, help="proxy radius, m; by default as validated")
-    parser.add_argument("--friction", type=float, help="coefficient; by default as validated")
-    parser.add_argument("--arm", action="store_true", help="send forces, with PANDIS_ARM=1")
+    parser.add_argument("--friction", type=float, help="friction coefficient (default: validated)")
+    parser.add_argument("--arm", action="store_true", help="send forces; requires PANDIS_ARM=1")
     line = parser.parse_args(words)
     if not line.simulated and line.model not in ATTACHED:
-        parser.error(f"only {' and '.join(ATTACHED)} can be attached; others with --simulated")
+        parser.error(f"only {' and '.join(ATTACHED)} can be attached; others need --simulated")
     overrides = [value for value in (line.radius, line.friction) if value is not None]
     if overrides and not (line.proxy and line.simulated):
         parser.error("--radius and --friction require --simulated --proxy: a real device uses the "
@@ -223,7 +223,7 @@ def main(words=None):
         print(f"error: {error}", file=sys.stderr)
         return 1
     print(run.statement)
-    print(f"The run ended: {run.ended}; at most {run.strongest_n:.2f} N.")
+    print(f"The run ended: {run.ended}; the largest force was {run.strongest_n:.2f} N.")
     return 0
 
 

@@ -49,8 +49,8 @@ _LEVELS = {"p50": 50, "p99": 99, "p99.9": 99.9, "max": 100}
 NO_ATTACHED = "No haptic device was attached."
 WHAT_RAN = (
     "pandis.h queried the exported files in a C loop at the servo rate, along the evaluation "
-    "trajectory, on the machine named here. Their forces were compared with the exact ones below "
-    "surface points of every thickness. The devices named here are simulated."
+    "trajectory, on the machine named here. Their forces below the surface were compared with the "
+    "exact ones, on parts of every thickness. The devices named here are simulated."
 )
 
 #: Statements on what the loop does between ticks.
@@ -156,7 +156,7 @@ class _Felt(NamedTuple):
 
 
 def _attached(field, surface, servo, devices, options, felt=None):
-    """Run a field on the attached device, at most as stiff as is safe on a simulated one."""
+    """Run a field on the attached device, at no more than the stiffness safe on a simulated one."""
     model = options.attached.model
     rate = DEVICES[model].rate
     pressed = (felt.verdict.devices if felt else devices).get(model)
@@ -191,7 +191,7 @@ def _check_names(contact, beside, log):
         there = "its file names no materials, or neither exact nor a compact field is exported"
         if known:
             there = f"the mesh names {', '.join(known)}"
-        log(f"contact.materials.{name}: nothing of this mesh is made of it: {there}")
+        log(f"contact.materials.{name}: no part of this mesh is made of it: {there}")
 
 
 def _statement(fields):
@@ -207,7 +207,7 @@ def _statement(fields):
 def pushing_feet(field, walls):
     """Return the surface points (n, 3), unit frame, below which a field's force is not missing.
 
-    The surface error is measured at them only, so that a hole does not excuse a pass through it.
+    The surface error is measured only there, so that a hole does not excuse a pass through it.
     """
     probes = walls.contacts.pressed
     force = force_of(field)(probes.points)

@@ -1,4 +1,4 @@
-"""Words the verdicts and the advice on a field, for this machine and for each device."""
+"""Puts into words the verdicts and advice on a field, for this machine and for each device."""
 
 from pandis.pipeline.geometry.shares import MISSING_LIMIT
 from pandis.pipeline.judge.servo.devices import DEVICES
@@ -30,8 +30,8 @@ def machine_verdict(servo):
     -------
     str
         ``fail``: the forces are not the evaluated ones, or differ too much from the exact ones, or
-        take too long to compute; ``late``: the field passed, but the machine began ticks
-        too late, so there is no verdict; ``pass``.
+        take too long to compute. ``late``: the field passed, but the machine began ticks
+        too late, so there is no verdict. ``pass``: otherwise.
     """
     if not (servo.agrees and servo.in_time and servo.walls.holds):
         return "fail"
@@ -72,7 +72,7 @@ def proxy_sentence(touched):
     if touched.safe_n_m and touched.holds and touched.presses and not touched.passes:
         advice = (
             f"use at most {touched.safe_n_m:.0f} N/m ({touched.limited_by}), in a light hand "
-            f"{touched.hands[light]:.0f}"
+            f"at most {touched.hands[light]:.0f}"
         )
     return f"Through a proxy: {'; '.join([clauses, *faults, advice])}."
 
@@ -191,8 +191,8 @@ def paragraph(servo, devices, options, proxy=None):
     sentences = [machine_sentence(servo, options)]
     if proxy and not proxy.touching_share:
         sentences.append(
-            "The proxy touched nothing along the trajectory, so its time is not known: it "
-            "began where the field is not free."
+            "The proxy touched nothing along the trajectory, so its time is not known. It did "
+            "not start in the field's free space."
         )
     elif proxy and not proxy.in_time:
         sentences.append(

@@ -21,7 +21,7 @@ from pandis.pipeline.judge.controls import controls, demand_failure
 from pandis.pipeline.judge.stress.ghosts import far_ghosts
 from pandis.pipeline.run.records.hardware import WallVerdict
 
-#: Number of surface points at which forces are compared, and on which a simulated device presses.
+#: Numbers of surface points at which forces are compared, and on which a simulated device presses.
 POINTS, PRESSED = 20_000, 10
 #: Largest allowed 99th percentile of ‖F − F_exact‖ (N): about half of the mean exact force at the
 #: greatest depth of a probe at the default stiffness.
@@ -35,12 +35,12 @@ class Walls(NamedTuple):
     ----------
     contacts : pandis.pipeline.geometry.measure.ContactSet
     pressed : pandis.pipeline.geometry.places.Stratified
-        Points on which a simulated device presses, equally many per class of inscribed radius.
+        Points on which a simulated device presses, the same number per class of inscribed radius.
     pressed_probes : pandis.pipeline.geometry.shares.Probes
         Probes below ``pressed``, at the depth min(0.04, 0.9 r), unit frame.
     thin : pandis.pipeline.geometry.places.Stratified
-        Likewise, for presses through a proxy. They include walls too thin for a penalty force to
-        resist a hand.
+        Likewise, for presses through a proxy. These points also lie on walls too thin for a penalty
+        force to resist a hand.
     """
 
     contacts: ContactSet

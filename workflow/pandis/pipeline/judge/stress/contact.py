@@ -1,4 +1,4 @@
-"""Tests for missing surface, for different forces, and for how much force a wall holds."""
+"""Tests for missing parts of the surface, for different forces, and for what a wall holds."""
 
 import numpy as np
 
@@ -14,14 +14,17 @@ from pandis.pipeline.geometry.shares import (
 )
 
 #: A wall gives way early if it holds less than HOLDS times what the exact one does at the same
-#: point, and breaks if it holds less than BREAKS times that. EARLY and BROKEN limit their areas.
-#: Next to edges every smooth field gives way early: it rounds the crease between the two walls.
+#: point, and breaks if it holds less than BREAKS times that. EARLY and BROKEN limit the areas of
+#: such walls. Next to edges every smooth field gives way early: it rounds the crease between the
+#: two walls.
 HOLDS, BREAKS = 0.9, 0.5
 EARLY, BROKEN = 0.2, MISSING_LIMIT
-#: Number of depths at which a wall's force is tested, in a geometric sequence. It starts at a
-#: hundredth of the deepest, or at this share of the inscribed radius if that is less.
+#: Number of depths at which a wall's force is tested, in a geometric sequence. It starts at the
+#: share _SHALLOWEST of the greatest depth, or at the share _OF_RADIUS of the inscribed radius if
+#: that is less.
 _STEPS, _SHALLOWEST, _OF_RADIUS = 96, 0.01, 0.25
-#: Factor on the depth at which the exact wall gives the device's largest force: others are softer.
+#: Factor on the depth at which the exact wall gives the device's largest force: other fields' walls
+#: may be softer.
 _DEEPER = 1.25
 
 
@@ -63,7 +66,8 @@ def otherness(answer, contacts):
 def holding(answer, places, scale, device):
     """Return the largest force (n,), N, that resists a straight push inward from surface points.
 
-    The push ends where no force resists it, or beyond the device's largest force.
+    The push ends where no force resists it, or somewhat deeper than the depth at which an exact
+    wall pushes with the device's largest force.
 
     Parameters
     ----------
@@ -84,7 +88,10 @@ def holding(answer, places, scale, device):
 
 
 def wanted_force(exact, places, scale, device):
-    """Return the force (n,), N, that walls must hold: 0.9 of the exact ones', or the device's."""
+    """Return the force (n,), N, that walls must hold.
+
+    It is 0.9 of what the exact walls hold, or the device's largest force if that is less.
+    """
     return np.minimum(HOLDS * holding(exact, places, scale, device), device.force_limit)
 
 

@@ -1,4 +1,4 @@
-"""Tests the closed loop of device, hand and field: up to which stiffness it stays quiet.
+"""Tests up to which stiffness the closed loop of device, hand and field stays quiet.
 
 A virtual wall reacts to a position up to a tick old (half a tick on average), which adds energy.
 The damping of device and hand removes it while K < b / (T/2 + n·T), with n the number of ticks by
@@ -24,9 +24,11 @@ LADDER = 2 ** (np.arange(-6, 11) / 2)
 TICKS, QUIET = 900, 1e-4
 #: Share of the presses that must stay calm: at some points the shape lets the probe slip off.
 CALM = 0.8
-#: Largest share of the area on which presses shake or give way, but are calm on the exact field.
+#: Largest share of the area on which presses that are calm on the exact field may shake or give
+#: way.
 ALLOWED = 0.1
-#: A wall holds a press if its mean force in a run's last third is this share of the pressing force.
+#: A wall holds a press if its mean force in a run's last third is at least this share of the
+#: pressing force.
 HOLDS = 0.5
 #: Ticks of the moving mean from which shaking is measured: motion below 30 Hz is sliding.
 _MEAN = 33
@@ -34,7 +36,7 @@ _MEAN = 33
 START = 2e-4
 #: Hard press, as a share of what the wall must hold: a sudden press overshoots to twice its force.
 _HARD = 0.5
-#: A press of up to this multiple of the friction may not reach the wall within a run.
+#: A press of up to this multiple of the friction might not reach the wall within a run.
 _STUCK = 1.5
 #: Integration steps within a tick, for the friction.
 _SUBSTEPS = 4
@@ -76,7 +78,8 @@ class Press(NamedTuple):
     energy : ndarray, shape (n,)
         Energy that the wall took from the device, J; negative if the wall added energy.
     share : ndarray, shape (n,)
-        Mean force of the last third, as a share of the press; infinite if friction may hold it.
+        Mean force of the last third, as a share of the pressing force; infinite if friction alone
+        might stop the device before the wall.
     """
 
     swing: np.ndarray
@@ -149,7 +152,7 @@ def simulate(
 
 
 def shaking(path, period=TICK):
-    """Return the peak-to-peak shaking of a path (t, ..., 3) above 30 Hz: slower is sliding.
+    """Return the peak-to-peak shaking of a path (t, ..., 3) above 30 Hz; slower motion is sliding.
 
     ``period`` is the period of the path's ticks, s.
     """
@@ -162,7 +165,8 @@ def stable_stiffness(answer, places, force, scale, device):
     """Return the largest stiffness of the ladder up to which the share CALM of the area is calm.
 
     The pressing force is the hand's, or half of what walls must hold at that stiffness if this is
-    less. ``force`` is for the requested stiffness. A missing wall is quiet, but holds nothing.
+    less. ``force`` is for the requested stiffness. A missing wall does not shake, but holds
+    nothing, so it does not count as calm.
     """
     count, ladder = len(places.feet), LADDER * scale.stiffness
     holds = _HARD * np.outer(LADDER, force).ravel()
@@ -222,8 +226,9 @@ def closed_loop(answer, places, force, calm, rests, scale, device):
     Returns
     -------
     dict
-        ``restless``: share of the area on which a press that is calm on the exact field is not,
-        the worse of a light and a hard press; ``stable_n_m``; ``least_n_m``: the requested
+        ``restless``: share of the area on which a press that is calm on the exact field is not calm
+        on this one, the larger of the shares for light and hard presses; ``stable_n_m``: the
+        largest stable stiffness; ``least_n_m``: the requested
         stiffness, or ``rests`` if that is less; ``limit``; ``passed``.
     """
     pressed = presses(answer, places, force, scale, device)

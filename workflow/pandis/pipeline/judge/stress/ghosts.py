@@ -8,7 +8,8 @@ from pandis.pipeline.geometry.shares import JUDGED
 
 #: Largest share of the free space next to the surface in which a ghost pushes with 0.05 N or more.
 GHOSTS = 0.005
-#: No ghost is allowed at a height that equals the depth at which a wall pushes with this (N).
+#: No ghost is allowed at or above the height that equals the depth at which a wall pushes with this
+#: force (N).
 CLEAR = 0.2
 #: Cells along each axis of the lattice on which free space is searched: fine enough that any ball
 #: with a radius of a fortieth of the box's side contains the centre of a cell.
@@ -42,7 +43,7 @@ def ghosts(answer, engine, surface, count, scale, rng):
         wall pushes with 0.2 N or more; ``largest_n``: the largest in free space; ``limit``;
         ``passed``: few ghosts near the surface, and none far from it. Reported, but not judged:
         ``hollow``, the share of points inside with no force; ``core``, the mean error of the force
-        deeper than 0.04 as a share of the mean force there (None if nothing is so thick).
+        deeper than 0.04 as a share of the mean force there (None if no part is that thick).
     """
     feet, outward, _, _ = surface.draw(count, rng)
     near = feet + rng.uniform(0, PROBE_DEPTHS["deep"], count)[:, None] * outward
@@ -79,15 +80,15 @@ def far_ghosts(answer, engine, scale):
 
 
 def _far(force, height, scale):
-    # max() propagates NaN, which passes no verdict
+    # max() propagates NaN, and no verdict passes with NaN
     return float(force[height * scale.newtons >= CLEAR].max(initial=0))
 
 
 def haunted(answer, engine):
-    """Search the box for free points at which a field's distance is negative.
+    """Search the box for points in free space at which a field's distance is negative.
 
-    The search queries the cells of a lattice, and halves those where the field's distance at the
-    centre allows inside points that the exact distance excludes.
+    The search queries the cells of a lattice. It halves a cell if the field's distance at the
+    cell's centre allows inside points in it, although the exact distance rules them out.
 
     Returns
     -------

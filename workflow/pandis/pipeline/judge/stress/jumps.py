@@ -8,14 +8,15 @@ from pandis.pipeline.judge.stress.probes import excess
 #: Lengths of moves (m): 0.1 mm, which a tick at 0.1 m/s covers, and ticks at 0.5 and 1 m/s.
 WAYS = {"mm01": 1e-4, "tick05": 5e-4, "tick1": 1e-3}
 _COUNTED = "mm01"
-#: A force that changes by more than this times k · way jumps, unless the exact one does so nearby.
+#: A force jumps if it changes by more than this times k · way, unless the exact one does so nearby.
 STEEP = 2.0
 #: Largest share of the moves over which the force may jump.
 ALLOWED = 0.005
 #: Largest change, in k · way, beyond that of the exact force, on all but the share RARE of the
-#: moves: a seam is long, but thin.
+#: moves. RARE is small because few moves cross a seam, which is long but thin.
 WORST, RARE = 5.0, 1e-4
-#: Length, in multiples of a move, on which the exact force counts: smooth fields spread jumps.
+#: Length, in multiples of a move, over which a change of the exact force counts as nearby: smooth
+#: fields spread jumps.
 NEARBY = 10
 
 

@@ -13,7 +13,8 @@ from pandis.pipeline.judge.stress.work import SPEED
 from pandis.runtime.contact import TOUCHING, Material, NativeContact
 from pandis.runtime.scene import Placed
 
-#: Friction coefficient of pressed surfaces, and share of the friction cone that presses go aside.
+#: Friction coefficient of pressed surfaces, and share of the friction cone by which presses move
+#: aside.
 STICKS, SHARE = 0.6, 0.5
 #: Depth of a press (m), however thin the wall, and height of its start (unit frame). Ticks of a
 #: press: down, aside, and at rest; the proxy may still move in the first SETTLES ticks at rest.
@@ -22,12 +23,13 @@ DOWN, ASIDE, REST, SETTLES = 60, 20, 100, 50
 #: Least share of the exact field's force that a place must hold. A proxy at rest moves by less
 #: than RESTS (m).
 HOLDS, RESTS = 0.5, 1e-5
-#: One in EVERY steps of a loop is used; LEAD ticks lead up to the first.
+#: One in EVERY steps of a loop is used; LEAD ticks lead up to the first step.
 EVERY, LEAD = 8, 60
 #: On the long path one tick in LOOKED is compared with the mesh. A proxy may be deeper than the
 #: field's surface error by MARGIN (m).
 LOOKED, MARGIN = 10, 5e-5
-#: Ticks from above a place into its wall, or from there to the next place; depth and height.
+#: Ticks from above a place into its wall, or from there to above the next place; depth in the wall
+#: and height above it (unit frame).
 _STAGE, _INTO, _OUT = 20, 0.05, 0.15
 
 
@@ -84,7 +86,7 @@ class Felt(NamedTuple):
 
 
 def nothing(path, material=None):
-    """Follow a path as if there were no surface; every judgement must fail this."""
+    """Follow a path as if there were no surface: a control that must fail at least one question."""
     return Steps(np.zeros_like(path), path, np.zeros(len(path), np.int32), np.inf)
 
 
@@ -96,7 +98,7 @@ class Presses(NamedTuple):
     push : ndarray, shape (n,)
         Force along the outward normal at the deepest point, N; at most k·depth.
     creeps : ndarray, shape (n,)
-        Whether the proxy still moves after half of the rest.
+        Whether the proxy still moves in the second half of the ticks at rest.
     """
 
     push: np.ndarray
@@ -132,7 +134,7 @@ def press_all(follow, places, scale):
 
 
 def holds(follow, places, exact, scale):
-    """Measure the area that holds a hand less, through a proxy, than the exact field does.
+    """Measure the area that, through a proxy, holds a hand less than the exact field does.
 
     Thin walls are tested too: what a proxy holds does not depend on a wall's thickness. Strips
     along convex edges are not judged: if a field rounds the edge, a proxy slides off.
@@ -148,8 +150,9 @@ def holds(follow, places, exact, scale):
     -------
     dict
         ``soft``: share of the area judged that pushes back with less than half the force of the
-        exact field; ``creeps``: share on which the proxy still moves after half of the rest, while
-        that of the exact field does not; ``worst``: the larger of the two; ``limit``, ``passed``.
+        exact field; ``creeps``: share on which the proxy still moves in the second half
+        of the ticks at rest, while that of the exact field does not; ``worst``: the larger of the
+        two; ``limit``, ``passed``.
     """
     pressed = press_all(follow, places, scale)
     soft = ~(pressed.push >= HOLDS * exact.push)  # NaN counts as soft

@@ -104,7 +104,7 @@ def precision(answer, exact, shell, scale):
     -------
     dict
         ``changed``: the share of the area where the force changes by more than STEEP times k times
-        the largest rounding, and by more than the exact one; ``newtons``: the largest change;
+        the largest rounding, and by more than the exact force; ``newtons``: the largest change;
         ``limit``, ``passed``.
     """
     points = shell.points
@@ -127,8 +127,8 @@ def precision(answer, exact, shell, scale):
 def special_points(vertices, faces, places, thickness):
     """Return points (n, 3), unit frame, at which a field may fail.
 
-    These are vertices and middles of edges and faces of the mesh, points of the medial axis, below
-    surface points, and the corners, edges, faces and centre of the box.
+    These are vertices and middles of edges and faces of the mesh, points of the medial axis below
+    surface points, and the corners, the middles of edges and faces, and the centre of the box.
     """
     corners = vertices[faces[:: max(1, len(faces) // 1000)]]
     edges = (corners + np.roll(corners, -1, axis=1)).reshape(-1, 3) / 2
@@ -144,8 +144,8 @@ def special(field, points):
     -------
     dict
         ``bad``: number of answers that are not finite or have a normal not of unit length;
-        ``unflagged``: number of points, not finite or very far away, that are not flagged or get
-        a force; ``passed``.
+        ``unflagged``: number of points that are not finite or very far away, but are not flagged
+        or get a force; ``passed``.
     """
     bad = _bad(*field.answer(points))
     lost = [[v if k == axis else 0.1 for k in range(3)] for axis in range(3) for v in _NOWHERE]

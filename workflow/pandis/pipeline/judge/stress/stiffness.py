@@ -36,9 +36,9 @@ def stiffness(answer, exact, shell, scale, device):
     -------
     dict
         ``p50_n_m``, ``p99_n_m``, ``max_n_m``: largest singular value of dF/dx; ``steep``: share
-        of the area where it is above STEEP times k, and above that of the exact force if all of
-        its change nearby came in one step; ``asymmetry``: mean ‖J − Jᵀ‖ / ‖J‖, zero if the
-        force is a gradient; ``limit``, ``passed``.
+        of the area where it is above STEEP times k, and above the value that the exact force would
+        have if all of its change nearby came in one step; ``asymmetry``: mean ‖J − Jᵀ‖ / ‖J‖, zero
+        if the force is a gradient; ``limit``, ``passed``.
     """
     step = device.encoder * scale.metre
     slopes = jacobians(answer, shell.points, step)

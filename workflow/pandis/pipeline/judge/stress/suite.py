@@ -1,4 +1,4 @@
-"""The stress suite: asks all questions about all fields of a mesh, and words the failures."""
+"""The stress suite: asks all questions about all fields of a mesh, and describes the failures."""
 
 import time
 from functools import cached_property
@@ -127,7 +127,7 @@ QUESTIONS = {
     "endurance": Question(
         "Does a long run end as it began?",
         "bad",
-        "{bad:,} of {ticks:,} answers are not numbers, {drift:,} changed",
+        "{bad:,} of {ticks:,} answers are invalid, and {drift:,} repeated ones changed",
     ),
 }
 #: Questions that take about as long as all others together.
@@ -154,11 +154,12 @@ PROXY_QUESTIONS = {
     ),
 }
 #: Numbers of points: contact set, stratified surface points, points below them, starts of moves
-#: likewise, points beside the surface, surface points that are pushed into (including thin
+#: (also below them), points beside the surface, surface points that are pushed into (including thin
 #: walls), and surface points that are pressed on.
 CONTACTS, PLACES, SHELL, WAYS = 20_000, 2000, 4000, 40_000
 BESIDE, PUSHED, PRESSED = 20_000, 400, 80
-#: Limit on nodes, leaves and faces that a query of the exact field visits here: never reached.
+#: Limit on the nodes, leaves and faces that a query of the exact field may visit here. It is never
+#: reached.
 _UNCUT = 1 << 30
 
 
@@ -213,7 +214,7 @@ class Suite:
         return press_all(follow, self.pushed, self.scale)
 
     def exact(self, points):
-        """Return exact distance and normal as a loop does: the winding number checks no signs."""
+        """Return exact distance and normal as a loop does: no winding number checks the sign."""
         return self.engine.distance_and_normal(points, check=False)
 
     def ask(self, field, progress, first=False, only=tuple(QUESTIONS)):
@@ -250,7 +251,7 @@ class Suite:
         return time.perf_counter() - start
 
     def touch(self, field):
-        """Ask all questions about a field's proxy; return as `ask`, or {} without a proxy."""
+        """Ask all questions about a field's proxy; return answers like `ask`, or {} without one."""
         follow = Felt.of(field, self.scale)
         return self.feel(follow, surface_error(field, self.contacts)) if follow else {}
 

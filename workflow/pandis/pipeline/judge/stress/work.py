@@ -61,8 +61,8 @@ def loop_work(answer, paths):
 def work(answer, exact, paths, scale, device):
     """Measure the work around loops.
 
-    The exact force does no work, but its sum over steps is not zero where it jumps: this amount is
-    allowed in addition on the same loop.
+    The exact force does no work, but where it jumps, the sum over steps is not zero. A field may
+    do this much more work on the same loop.
 
     Returns
     -------

@@ -12,7 +12,7 @@ from pandis.base.errors import PandisError
 from pandis.base.frame import UNIT_SIDE
 from pandis.engine.bvh import Bvh
 
-#: Half the width of the lattice (unit frame): the longest side of a mesh spans it.
+#: Half the width of the lattice (unit frame). The longest side of a mesh spans the whole width.
 HALF = UNIT_SIDE / 2
 #: Maximum rounds of edge flips. Each round removes faces of zero area, but may leave others.
 _ROUNDS = 50
@@ -126,7 +126,7 @@ def _mend(vertices, faces):
 
 
 def _cleaned(faces, sheets, lines):
-    """Return the faces without those of equal corners (to lines) and opposite pairs (to sheets)."""
+    """Move faces with equal corners to lines and opposite pairs to sheets; return the others."""
     equal = (faces == np.roll(faces, 1, axis=1)).any(axis=1)
     lines.append(faces[equal])
     faces = faces[~equal]

@@ -17,8 +17,8 @@ from pandis.pipeline.kinds.compact.sides import find_sides
 from pandis.pipeline.kinds.compact.unpacking import unpack
 from pandis.pipeline.kinds.limits import least_limit, near_surface
 
-#: Maximum number of blocks and groups of eight faces that a query visits, in about a tenth of a
-#: tick. The limit is raised if half of it would cut a query next to the surface.
+#: Maximum number of blocks and groups of eight faces that a query visits, which takes about a tenth
+#: of a tick. The limit is raised if half of it would cut a query next to the surface.
 #: tests/benchmarks/compact.py counts the cut queries on scans.
 MOST = 704
 #: Points at which sides are compared with the body's: half are in the box, half near the surface.
@@ -177,8 +177,8 @@ def _rounding(packed, snapped, bits):
 
     Faces are compared in single precision, relative to their block. A point is off by half a unit
     in the last place of its coordinates, the closest point on an edge by a little more. Inside a
-    triangle the error grows as the sine of its corner angle falls, up to half its height: its edges
-    prevent larger errors.
+    triangle the error grows as the sine of its corner angle falls, up to half the triangle's
+    height: its edges prevent larger errors.
     """
     unit = 2.0**-24
     counts = packed.blocks.view(np.uint32).reshape(-1, 4)[:, 1]
@@ -228,5 +228,5 @@ def compare_sides(body, arrays, record, seed):
             f"on a lattice of {record.bits} bits {wrong.sum():,} of {SIDES:,} points are on the "
             f"wrong side of the surface, the farthest {apart[wrong].max():.2g} of the unit "
             f"frame away from it ({record.turned:,} faces are turned over): use more bits; "
-            "above 16, use fewer, because single precision cannot separate such sheets"
+            "above 16, use fewer, because single precision cannot separate sheets that are so close"
         )

@@ -13,7 +13,7 @@ from pandis.pipeline.kinds.field import Field
 class CompactField(Field):
     """A mesh on a lattice, queried through a tree over its faces in double precision.
 
-    ``pandis.h`` queries the packed bytes; its file is compared with this field.
+    ``pandis.h`` queries the packed bytes; the exported file is compared with this field.
 
     Parameters
     ----------

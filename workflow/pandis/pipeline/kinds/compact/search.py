@@ -1,4 +1,4 @@
-"""Finds the bits and faces of a compact mesh that meets a limit on bytes or on the error."""
+"""Finds how many bits and faces a compact mesh needs to meet a limit on bytes or the error."""
 
 from functools import cached_property
 from itertools import chain
@@ -179,7 +179,7 @@ class CompactSizing:
         Raises
         ------
         PandisError
-            No compact mesh fits into the bytes, or meets the error.
+            No compact mesh fits into the budget in bytes, or meets the limits on the error.
         """
         tried = []
         budgets = _BYTES if self.target.bytes is None else [self.target.bytes]
@@ -209,7 +209,7 @@ class CompactSizing:
         size, best = min(tried, key=lambda one: one[1].excess)
         return (
             f"{what}: no compact mesh meets {self.points.describe_limits(self._limits)}; the "
-            f"nearest, {size:,} bytes, {best.why}: relax the limits"
+            f"nearest, with {size:,} bytes, {best.why}: relax the limits"
         )
 
 

@@ -157,7 +157,7 @@ def export_grid(name, artifact, provenance, log):
         return *field.answer(points), length
 
     answer = Session(model).distance_and_normal
-    # a direction from differences between nodes loses more digits the closer they are
+    # a direction from differences between nodes loses more digits the closer the nodes are
     rounding = max(1.0, len(field.values) / 32) if field.content == "distance" else 1.0
     differences = check(answer, reference, field.frame, rounding)
     log(f"agrees with the field: {differences}")

@@ -1,9 +1,10 @@
 """[10]: a grid of implicit values, after Kim, Kyrikou, Desbrun & Sukhatme 2002.
 
 The force is that of a spring to the surface, along the gradient at the probe. The gradient is
-interpolated between central differences at the nodes. The text was not available, so the spring's
-length is inferred. Three readings are here: the value itself as the distance; the distance along
-the gradient to the sign change of the interpolated value; the same in whole cells.
+interpolated between central differences at the nodes. The paper's text was not available, so the
+spring's length is inferred. Three readings are implemented: the value itself as the distance; the
+distance along the gradient to the sign change of the interpolated value; the same in whole
+cells.
 """
 
 import numpy as np
@@ -51,7 +52,7 @@ class MarchedField(ImplicitField):
         start, along = points[inside], normal[inside]
         way = np.zeros(len(inside))
         looking = np.ones(len(inside), bool)
-        # a step per cell, until all are outside or past the band: then there is no surface ahead
+        # one cell per step, until each point is outside, or past the band with no surface ahead
         for _ in range(int(np.ceil(2 * self.band.inside / cell)) + 2):
             way[looking] += cell
             place = start[looking] + way[looking, None] * along[looking]

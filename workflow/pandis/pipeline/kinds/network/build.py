@@ -104,8 +104,8 @@ def widths_up_to(width):
 def narrowest(task, widths, samples, strata, checkpoint, progress, log, judge):
     """Train networks, from narrow to wide, until one is accepted.
 
-    Each is trained for the whole budget of steps. All networks before the accepted one cost
-    together about as much as that one.
+    Each is trained for the whole budget of steps. Together, all networks before the accepted one
+    cost about as much as that one.
 
     Parameters
     ----------

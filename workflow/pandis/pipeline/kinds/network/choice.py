@@ -20,7 +20,7 @@ _BASE, _DEPTH, _OMEGA = 16, 4, 30.0
 
 
 def choose(chooser):
-    """Try networks from narrow to wide, each with all steps: see `pandis.pipeline.kinds`."""
+    """Try networks from narrow to wide, each fully trained: see `pandis.pipeline.kinds`."""
     chooser.say_least()
     options, points = chooser.options, chooser.points
     name, recipe = options.name, options.recipe
@@ -28,7 +28,7 @@ def choose(chooser):
     fit = chooser.fitting(KIND.name, sizes, name, layers=recipe.depth)
     if not fit:
         return None
-    # another seed, because a spline that was tried has used the points of this job's seed
+    # use another seed: splines that were tried have used the points drawn with this job's seed
     strata = Strata(points.surface, points.engine, options.samples, options.seed + 1)
     drawn = strata.arrays(chooser.progress)
     samples = Artifact(None, "samples", drawn, strata.attributes(), {}, "")
@@ -63,7 +63,7 @@ def choose(chooser):
 
 
 def _bytes(recipe, width, weight_bits):
-    """Return the bytes of a network and its base."""
+    """Return the size of a network and its base in bytes."""
     outputs = 1 if recipe.direction == "gradient" else 4
     return network_bytes(width, recipe.depth, outputs, recipe.base, weight_bits)
 

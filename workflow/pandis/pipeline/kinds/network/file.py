@@ -9,7 +9,7 @@ from pandis.pipeline.kinds.check import check_points
 from pandis.pipeline.kinds.native import FieldFile
 from pandis.runtime.field import NETWORK, NativeField
 
-#: Number of lanes of a sum; rows of weights are padded to a multiple of it.
+#: Number of lanes in which a sum is computed; rows of weights are padded to a multiple of it.
 _LANES = 16
 #: Number of steps of 16-bit weights on either side of zero.
 _STEPS = 32767
@@ -68,7 +68,7 @@ class File(FieldFile):
 
 
 def network_bytes(width, depth, outputs, base, weight_bits):
-    """Return the bytes that ``pandis.h`` needs to query a network.
+    """Return the number of bytes that ``pandis.h`` needs to query a network.
 
     Parameters
     ----------

@@ -67,7 +67,7 @@ def torch_network(artifact):
 
 
 def compare(answer, artifact, what, log):
-    """Compare an export with its network, and log how far they differ.
+    """Compare an export with its network, and log by how much their answers differ.
 
     Parameters
     ----------
@@ -82,7 +82,7 @@ def compare(answer, artifact, what, log):
     Raises
     ------
     PandisError
-        The two differ by more than rounding.
+        The answers differ by more than rounding.
     """
     base = load_base(artifact)
     single, double = torch_network(artifact), torch_network(artifact).double()

@@ -1,7 +1,7 @@
 """The sine network as a field, in NumPy: Sitzmann et al. 2020; paper, Fig. 1.
 
-Training uses torch (`pandis.pipeline.kinds.network.training`), but a query needs only products and
-sines, so that neither evaluation nor a user's program has to load torch.
+Training uses torch (`pandis.pipeline.kinds.network.training`). A query needs only products and
+sines, so neither evaluation nor a user's program has to load torch.
 """
 
 import copy

@@ -45,7 +45,7 @@ class Network(Kind):
         return TrainTask(kind=self.name, name=spec.name, recipe=recipe, seed=job.seed, **device)
 
     def unused(self, options):
-        """Return the other loss, and the GPU modules if a CPU trains: see `Kind.unused`."""
+        """Return the other loss's module, and the GPU's if a CPU trains: see `Kind.unused`."""
         recipe = options.get("recipe", {})
         losses = [m for loss, m in _LOSSES.items() if recipe.get("loss", loss) != loss]
         on_cpu = recipe.get("device", "cpu") == "cpu"

@@ -1,1 +1,1 @@
-"""Other methods that the paper compares with."""
+"""Other methods with which the paper compares its own."""

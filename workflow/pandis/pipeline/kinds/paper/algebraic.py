@@ -18,7 +18,7 @@ class AlgebraicField(Field):
             )
         size = int(name.rpartition("-")[2])
         frame = Frame.of(mesh)
-        # in mesh units, where r is 1: such a potential depends on the unit of length
+        # in mesh units, in which the radius is 1: the potential depends on the unit of length
         axis = (np.linspace(-1, 1, size) / frame.scale) ** 2
         square = (axis[:, None, None] + axis[:, None] + axis - 1.0) * frame.scale
         self.values = square.astype(np.float32)

@@ -1,8 +1,8 @@
-"""Support planes with distance maps, as [16] stores them (Moustakas 2015, as far as described).
+"""Support planes with distance maps, as far as [16] (Moustakas 2015) describes them.
 
 There are 642 directions, the vertices of an icosahedron subdivided three times. Each has the plane
-that touches the shape, and a map of the depth of the surface below it. Here the maps are rasters.
-On a shape that is not convex they contain only the outermost surface.
+that touches the shape, and a map of the depth of the surface below this plane. Here the maps are
+rasters. If the shape is not convex, they contain only its outermost surface.
 """
 
 import numpy as np
@@ -13,7 +13,7 @@ SUBDIVISIONS = 3
 SIZE = 64
 #: Distance from the surface at which a ray counts as a hit, and its maximum number of steps.
 _HIT, _STEPS = 1e-6, 96
-#: Height of a ray's start above its plane: a tessellation touches it from below.
+#: Height of a ray's start above its plane, because a tessellation touches the plane from below.
 _ABOVE = 1e-3
 
 

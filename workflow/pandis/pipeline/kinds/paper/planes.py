@@ -8,12 +8,13 @@ from pandis.pipeline.kinds.paper.maps import plane_axes
 
 
 class PlanesField(Field):
-    """Support planes, in three readings by name: see
-    `pandis.pipeline.kinds.paper.spec.PLANES`.
+    """Support planes in three readings, selected by name.
+
+    See `pandis.pipeline.kinds.paper.spec.PLANES`.
 
     ``support-planes-only`` uses the nearest plane alone; ``support-planes-distance`` adds the depth
     of the surface below it; ``support-planes`` also tilts the normal by the slope of the map. The
-    method is for convex bodies: of others it stores only the outermost surface.
+    method is for convex bodies; of any other body it stores only the outermost surface.
 
     Parameters
     ----------

@@ -17,8 +17,8 @@ _STEPS, _NEAR = 10, 1e-9
 class ProxyField(Field):
     """Distance and direction to a tracked contact point.
 
-    Answers depend on the probe's path: the points of a call are processed in order, and the first
-    is out of contact. The force -k·distance·normal is then k·(contact point - probe).
+    Answers depend on the probe's path: the points of a call are processed in order, and there is
+    no contact before the first. The force -k·distance·normal is then k·(contact point - probe).
 
     Parameters
     ----------
@@ -51,7 +51,7 @@ class ProxyField(Field):
         return distance, normal
 
     def _track(self, contact, probe, distance):
-        """Return the next contact point (3,), or None out of contact."""
+        """Return the next contact point (3,), or None if the probe is out of contact."""
         if not np.isfinite(probe).all():
             return contact
         if contact is None:

@@ -1,4 +1,4 @@
-"""Opens the fields of the methods that the paper compares with."""
+"""Opens the fields of the methods with which the paper compares its own."""
 
 from pandis.pipeline.kinds.paper.algebraic import AlgebraicField
 from pandis.pipeline.kinds.paper.planes import PlanesField

@@ -1,4 +1,4 @@
-"""Names of the methods that the paper compares with."""
+"""Names of the methods with which the paper compares its own."""
 
 import re
 from typing import ClassVar
@@ -43,11 +43,11 @@ def _check_tracked(name, inner):
     if inner.through:
         raise ValueError(f"{name}: a contact point is tracked on a field, not on another point")
     if inner.kind == AUTO:
-        raise ValueError(f"{name}: a contact point is tracked on a known field: name one, not auto")
+        raise ValueError(f"{name}: a contact point is tracked on a given field: name it, not auto")
     if not inner.distances:
         raise ValueError(
-            f"{name}: {inner.name} knows no distance outside the surface, where a contact point "
-            "is sought; take trilinear-normal or tricubic"
+            f"{name}: {inner.name} has no distances outside the surface, where a contact point "
+            "is sought; use trilinear-normal or tricubic instead"
         )
 
 

@@ -2,9 +2,10 @@
 
 Inside, at signed distance d, the force is -d·n. The error of a spline f with
 gradient g is about √((f - d)² + d²·|g - n|²) there. The fit minimises the sum
-of errors over sample points, not of their squares: next to the medial axis no
-smooth function fits, and squares would worsen the fit elsewhere to reduce these
-errors. It is iteratively reweighted least squares by conjugate gradients.
+of the errors over sample points, not the sum of their squares. Next to the medial
+axis no smooth function fits, and a sum of squares would reduce the errors there at
+the expense of the fit elsewhere. The method is iteratively reweighted least squares
+with conjugate gradients.
 """
 
 from typing import NamedTuple

@@ -2,11 +2,11 @@
 
 There are three lattices. *Base*: coarse, 16-bit; it has all coefficients needed for points inside
 or in the band around the surface. *Fine*: 3.5 times as fine, 8-bit; it is added to the base in the
-blocks where the base has its largest errors, so that creases, thin parts and the surface itself get
-the bytes. Their sum is twice continuously differentiable, and so is the force, however deep a probe
-is pressed: there is no boundary inside between one lattice and another. *Far*: very coarse, over
-the whole box, for the free space beyond the band. There is no force there; the band's edge bounds
-the distance, and one bit per block of cells stores the side.
+blocks where the base has its largest errors, so that bytes are spent on creases, thin parts and the
+surface itself. The sum of both is twice continuously differentiable, and its gradient once, however
+deep a probe is pressed, because inside there is no boundary between the lattices. *Far*: very
+coarse, over the whole box, for the free space beyond the band. No force acts there. The distance is
+at least that of the band's edge, and one bit per block of cells stores the side.
 """
 
 import numpy as np
@@ -29,13 +29,13 @@ SIZES = (32, 40, 48, 56, 64, 72, 80, 96, 112, 128, 144, 160, 176, 192, 208, 224,
 _FINE_BLOCK, _BRICK_BYTES = 8, 12
 #: Weights of points outside the surface, where there is no force, and below the band.
 _OUTSIDE_WEIGHT, _CORE_WEIGHT = 0.2, 0.05
-#: Points deeper than the share _TURNS of the inscribed radius are weighted by _TURN_WEIGHT: where
-#: the force reverses no smooth function fits, and fitting it spoils the fit closer to the surface.
+#: Points deeper than the share _TURNS of the inscribed radius are weighted by _TURN_WEIGHT: no
+#: smooth function fits where the force reverses, and trying spoils the fit closer to the surface.
 _TURNS, _TURN_WEIGHT = 0.92, 0.05
 #: Depth greater than that of any point, so that the base is kept at any depth.
 _CORE = 2.0
-#: Share of the sample points below the band, and their maximum depth (unit frame): the depth that a
-#: usual device reaches with its largest force.
+#: Additional sample points below the band, as a share of the others, and their maximum depth (unit
+#: frame): the depth that a usual device reaches with its largest force.
 _CORE_SHARE, _CORE_DEPTH = 0.125, 0.3
 #: Minimum samples per fine coefficient. Each sample provides a distance and a direction.
 _SAMPLES = 2
@@ -64,7 +64,7 @@ class SplineFit:
         self.targets = self._draw(count)
 
     def _draw(self, count):
-        """Draw targets: five eighths in the first hundredth below the surface.
+        """Draw targets, five eighths of them near the surface, to a depth of about a hundredth.
 
         Additional targets are below the band, where only the base has coefficients.
         """
@@ -118,7 +118,7 @@ class SplineFit:
         size : int
             Nodes per axis of the fine lattice.
         budget : float or None
-            Bytes; None keeps FINE_SHARE of the fine blocks near the surface.
+            Limit on the bytes; None keeps FINE_SHARE of the fine blocks near the surface.
         progress : callable
             Makes a `pandis.pipeline.run.job.stage.Progress`.
 
@@ -186,7 +186,7 @@ class SplineFit:
         padded[:last, :last, :last] = signs
         split = padded.reshape(count, BLOCK, count, BLOCK, count, BLOCK)
         positive, negative = ((split == s).any(axis=(1, 3, 5)) for s in (1, -1))
-        # one bit cannot store both signs of a block, so its cells are treated as in the band
+        # one bit cannot store two signs, so the cells of such a block count as cells of the band
         both = np.argwhere(positive & negative)
         if len(both):
             corner = np.stack(np.unravel_index(np.arange(8), (2, 2, 2)), axis=1)
@@ -269,7 +269,8 @@ def base_size(size):
 def quantise(values, kind):
     """Round values to integers of ``kind``; return them and [offset, scale].
 
-    8-bit: symmetric about zero, with the largest thousandth clipped. 16-bit: the whole range.
+    8-bit: symmetric about zero, with the largest thousandth of the values clipped. 16-bit: the
+    whole range.
     """
     top = np.iinfo(kind).max
     if kind is np.int8:
@@ -282,7 +283,7 @@ def quantise(values, kind):
 
 
 def _fixed_bytes(size, base_blocks):
-    """Return the bytes of everything but the fine blocks and their bricks."""
+    """Return the size in bytes of everything but the fine blocks and their bricks."""
     bricks = base_blocks.reshape(len(base_blocks) // 4, 4, len(base_blocks) // 4, 4, -1, 4)
     occupied = bricks.any(axis=(1, 3, 5)).sum()
     places = (len(base_blocks) // 4) ** 3 + (block_count(size + 2) // 4) ** 3

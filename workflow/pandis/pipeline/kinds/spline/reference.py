@@ -54,7 +54,7 @@ class SplineField(Field):
     def query(self, points):
         """Return the answer with flags (unit frame); outside the band only the side is exact.
 
-        The distance there is an estimate of at least the band's depth on that side.
+        The distance there is an estimate whose magnitude is at least the band's depth on that side.
         """
         clamped, outside = clamp_to_box(points)
         clamped = np.clip(clamped, -EDGE, EDGE)

@@ -1,4 +1,4 @@
-"""Fits a spline of a given number of bytes, or the smallest that meets an error limit."""
+"""Fits a spline of a given number of bytes, or the smallest one that meets an error limit."""
 
 from functools import cached_property
 
@@ -55,7 +55,7 @@ class SplineMaker(Maker):
         return size
 
     def finer(self, size, other):
-        """See `Maker.finer`: blocks are near the surface, so bytes grow with its square."""
+        """See `Maker.finer`: blocks are near the surface, so bytes grow as 1 / spacing²."""
         return (other / size) ** 0.5
 
 

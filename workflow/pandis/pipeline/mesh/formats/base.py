@@ -10,7 +10,7 @@ UNNAMED = "none"
 #: A decimal number in the C locale (no nan, inf or hexadecimal numbers); a whole number.
 NUMBER = re.compile(r"[+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]+)?")
 INTEGER = re.compile(r"[+-]?[0-9]{1,18}")
-#: Maximum number of placed triangles: nested parts multiply, so a short file could fill a disk.
+#: Maximum number of placed triangles: nesting multiplies parts, so a short file could fill a disk.
 MOST = 50_000_000
 #: Advice at the end of messages about damaged files.
 AGAIN = "export it again"
@@ -69,7 +69,7 @@ def numbers(rows, where):
     rows : list of list of str
         Rows of equal length.
     where : callable
-        Returns a row's place in the file, for messages, from its index.
+        Takes a row's index; returns the row's place in the file, for messages.
     """
     try:
         # any other token that float() accepts (nan, inf, 1_0) contains other characters
@@ -115,7 +115,7 @@ def triangles(vertices, polygons, where, first=0):
     vertices : ndarray, shape (V, 3)
     polygons : list of list of int
     where : callable
-        Returns a polygon's place in the file, for messages, from its index.
+        Takes a polygon's index; returns the polygon's place in the file, for messages.
     first : int
         Index of the first vertex in the format (0 or 1), for messages.
 

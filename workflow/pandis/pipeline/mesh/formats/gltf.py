@@ -338,7 +338,7 @@ class _Scene:
             except (OSError, ValueError):
                 short = name[:80]
                 raise FormatError(
-                    f"it needs {short}, which is missing; put {short} beside it"
+                    f"it needs {short}, which is missing; put {short} beside this file"
                 ) from None
         if len(data) < length:
             raise FormatError(

@@ -76,7 +76,7 @@ def read(path, folder=None):
     vertices = numbers(rows, lambda i: f"line {at[i]}").reshape(-1, 3)
     few = next((i for i, polygon in enumerate(polygons) if len(polygon) < 3), None)
     if few is not None:
-        raise FormatError(f"line {where[few]}: a face with {len(polygons[few])} corners; {AGAIN}")
+        raise FormatError(f"line {where[few]}: a face has {len(polygons[few])} corners; {AGAIN}")
     faces, counts = cut(vertices, polygons, lambda i: f"line {where[i]}", first=1)
     notes = []
     if unknown:
@@ -123,8 +123,8 @@ def _index(word, line, count):
         return index - 1
     if index == 0:
         raise FormatError(
-            f"line {line}: index 0: OBJ counts vertices from 1; this file seems to count from 0: "
-            "add 1 to every index"
+            f"line {line}: an index is 0, but OBJ counts vertices from 1; this file seems to count "
+            "from 0: add 1 to every index"
         )
     if count + index < 0:
         raise FormatError(

@@ -73,7 +73,7 @@ def _take_head(lines):
     match = _HEAD.match(row[0])
     if not match:
         if not re.fullmatch(r"[0-9]+", row[0]):
-            raise FormatError(f"line {line}: '{row[0][:40]}' instead of OFF; {AGAIN}")
+            raise FormatError(f"line {line}: it begins with '{row[0][:40]}', not OFF; {AGAIN}")
         return
     if match[4] or match[5]:
         raise FormatError(f"line {line}: {match[0]} is not three-dimensional; export it as OFF")
@@ -125,6 +125,6 @@ def _polygon(row, line):
     size = whole(row[0], f"line {line}")
     if size < 1 or len(row) < 1 + size:
         raise FormatError(
-            f"line {line}: a face of {size} corners, but {len(row) - 1} numbers follow; {AGAIN}"
+            f"line {line}: a face has {size} corners, but {len(row) - 1} numbers follow; {AGAIN}"
         )
     return [whole(word, f"line {line}") for word in row[1 : 1 + size]]

@@ -66,7 +66,7 @@ def read(path, folder=None):
         elif element.name in ("face", "tristrips"):
             name = next((name for name in _CORNERS if name in columns), None)
             if name is None:
-                raise FormatError(f"its {element.name} has no list vertex_indices; {AGAIN}")
+                raise FormatError(f"its element {element.name} has no list vertex_indices; {AGAIN}")
             lists, where = columns[name], element.name
             if element.name == "face":
                 _check_sizes(lists)
@@ -127,7 +127,7 @@ def _check_kinds(elements):
     """Reject positions that are lists, and corners that are not lists of whole numbers."""
     for element in elements:
         if not element.properties:
-            raise FormatError(f"its {element.name} has no properties; {AGAIN}")
+            raise FormatError(f"its element {element.name} has no properties; {AGAIN}")
         for name, kind, size in element.properties:
             place = element.name == "vertex" and name in ("x", "y", "z")
             corners = element.name in ("face", "tristrips") and name in _CORNERS
@@ -222,8 +222,8 @@ class _Text:
         left = len(self.lines) - self.place
         if left:
             raise FormatError(
-                f"line {self.lines[self.place][0]}: {left:,} more lines than its header declares; "
-                f"{AGAIN}"
+                f"line {self.lines[self.place][0]}: the file has {left:,} more lines than its "
+                f"header declares; {AGAIN}"
             )
 
 

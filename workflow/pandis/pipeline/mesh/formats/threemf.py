@@ -73,7 +73,7 @@ def read(path, folder=None):
     except FormatError:
         raise
     except DAMAGED as error:
-        raise FormatError(f"not a complete 3MF package ({error}); {AGAIN}") from None
+        raise FormatError(f"it is not a complete 3MF package ({error}); {AGAIN}") from None
 
 
 class _Package:

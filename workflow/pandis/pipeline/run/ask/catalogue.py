@@ -6,7 +6,7 @@ from pandis.pipeline.run.ask.kind import AUTO, FieldSpec
 from pandis.pipeline.run.ask.kinds import KINDS
 
 MESH_NAME = "[a-z][a-z0-9_-]*"
-#: Folders of ``results/`` that are not meshes.
+#: Folders of ``results/`` that do not belong to a mesh.
 RESERVED_NAMES = ("logs", "benchmarks", "scenes", "native")
 #: All forms of fields, in the order in which tables list them.
 FORMS = (*(form for kind in KINDS.values() for form in kind.forms), AUTO)
@@ -30,7 +30,7 @@ def is_builtin_field(name):
     try:
         parse_field(name, ())
     except UnknownFieldError as error:
-        return error.name != name  # true for a field tracked on an unknown field
+        return error.name != name  # true if `name` is tracked on an unknown field
     except ValueError:
         return True
     return True
@@ -76,7 +76,7 @@ class UnknownFieldError(ValueError):
     """No kind has a field of this name."""
 
     def __init__(self, name, known):
-        super().__init__(f"'{name}' is no field; known are {', '.join(known)}")
+        super().__init__(f"'{name}' is not a field; the fields are {', '.join(known)}")
         self.name = name
 
 

@@ -67,7 +67,7 @@ class StageOptions(Options):
     samples: SampleOptions = Field(default_factory=SampleOptions, description="training points")
     train: dict[str, Annotated[PaperRecipe | ExactRecipe, Field(discriminator="loss")]] = Field(
         default_factory=dict,
-        description="recipes by name; `loss` is `paper` or `exact` (the default, except the "
+        description="recipes by name; `loss` is `paper` or `exact` (the default, except for "
         "recipes named `pandis` and `pandis-grad`)",
     )
     bake: BakeOptions = Field(default_factory=BakeOptions, description="grids")
@@ -191,8 +191,8 @@ class SceneOptions(Options):
     radius: float = Field(0.0, ge=0, le=0.1, description="radius of the probe, m; used by proxies")
     contact: SurfaceOptions | None = Field(
         None,
-        description="how its objects feel: the options of `contact`, without those of the probe; "
-        "null: as in their meshes' options",
+        description="how the scene's objects feel: the options of `contact`, without those of the "
+        "probe; null: as in their meshes' options",
     )
 
 

@@ -118,5 +118,5 @@ class ContactOptions(SurfaceOptions):
     queries: Annotated[int, Field(ge=8, le=1000)] | None = Field(
         None,
         description="largest number of field queries per tick; the next tick makes the rest. "
-        "null: the number that fits into half of `hardware.deadline` here, from 8 to 24",
+        "null: the number that fits into half of `hardware.deadline` on this machine, 8 to 24",
     )

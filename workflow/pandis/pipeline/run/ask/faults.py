@@ -63,7 +63,10 @@ def name_faults(values):
             )
     known = {"pandis": None, "pandis-exact": None} | recipes
     if AUTO in names and len(names) > 1:
-        yield "fields", "auto stands alone: the budget describes a single field"
+        yield (
+            "fields",
+            "auto stands alone: the budget describes a single field, so remove the other entries",
+        )
         return
     for index, name in enumerate(names):
         if name in names[:index]:

@@ -90,7 +90,8 @@ class Kind:
     colours : dict of str to str
         Colours in figures, by form.
     growth : float
-        Beyond the table of times, a query's time grows at least as its work to this power.
+        Beyond the largest size in the table of times, a query's time is assumed to grow at least
+        as its work raised to this power.
     task, search : type
         Models of the options for building it with a given size, and with a size to be found.
     """

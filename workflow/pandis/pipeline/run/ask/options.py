@@ -41,7 +41,7 @@ class MeshOptions(Options):
     open: Literal["refuse", "cap", "thicken"] = Field(
         "refuse",
         description="treatment of a surface whose holes are not small: `refuse` it, `cap` the "
-        "holes anyway, or `thicken` it to a wall of `thickness`",
+        "holes anyway, or `thicken` it into a wall of `thickness`",
     )
     thickness: Positive = Field(
         0.01, le=0.2, description="thickness of the `thicken` wall, as a share of the diagonal"
@@ -55,8 +55,8 @@ class MeshOptions(Options):
         0.005,
         ge=0,
         description="a repair is kept only if 99 % of the surface, in both directions, moves no "
-        "farther than this share of the diagonal (without caps of holes and walls inside the "
-        "solid)",
+        "farther than this share of the diagonal (not counting caps of holes and walls inside "
+        "the solid)",
     )
     deviation_max: float = Field(0.03, ge=0, description="the same limit for the whole surface")
     rung_seconds: Positive = Field(240.0, description="time limit of each rung, s")
@@ -95,7 +95,8 @@ class SampleOptions(Options):
     )
     box: int = Field(50_000, ge=0, description="points spread uniformly in the box [-1, 1]³")
     held_out: Annotated[int, Field(ge=100)] = Field(
-        20_000, description="points never trained on: half at most 0.01 deep, half at most 0.04"
+        20_000,
+        description="points that are never trained on: half at most 0.01 deep, half at most 0.04",
     )
 
 
@@ -138,8 +139,8 @@ class NativeOptions(Options):
     original_faces: bool = Field(
         False,
         description="the `.pandis` file of a compact mesh also identifies the face of "
-        "`mesh.zarr.zip` that contains a closest point (`pandis_answer.face`), at about four bytes "
-        "a face; an exact mesh always does",
+        "`mesh.zarr.zip` that contains a closest point (`pandis_answer.face`), at a cost of about "
+        "four bytes per face; the file of an exact mesh always does",
     )
 
 
@@ -219,7 +220,7 @@ class TimingOptions(Options):
     libtorch: bool = Field(
         False,
         description="also time every network from a C++ program on LibTorch, the paper's way; "
-        "needs g++, and half a minute per network to compile it",
+        "needs g++, and half a minute per network to compile the program",
     )
 
 

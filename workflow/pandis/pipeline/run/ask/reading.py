@@ -80,7 +80,8 @@ def results_folder(raw):
     folder = raw.get("results", "results")
     if not isinstance(folder, str) or not re.fullmatch(FOLDER, folder):
         expected = (
-            "a folder below the working directory, such as results/front: letters, digits, . _ -"
+            "a folder below the working directory, such as results/front; names may "
+            "contain letters, digits, . _ and -"
         )
         raise_faults({"results": f"{expected} (given: {folder!r})"})
     return folder
@@ -92,13 +93,13 @@ def last_target(raw):
     Raises
     ------
     PandisError
-        A run may not end with this target, or the configuration also has scenes.
+        A run cannot end with this target, or the configuration also has scenes.
     """
     until = raw.get("until")
     if until not in (None, "exports"):
         raise_faults({"until": f"expected exports, or nothing (given: {until!r})"})
     if until and raw.get("scenes"):
-        raise_faults({"until": "scenes build what they need and no more: remove until"})
+        raise_faults({"until": "scenes build what they need and nothing else: remove until"})
     return until
 
 
@@ -111,7 +112,8 @@ def load_config(raw, refused=None):
         The parsed YAML.
     refused : dict, optional
         Receives the faults of meshes whose own options are wrong, by name; the other meshes are
-        returned. If it is omitted, or no mesh is left, the faults are raised.
+        returned. If it is omitted, no mesh is left or a shared option is wrong, the faults are
+        raised.
 
     Returns
     -------

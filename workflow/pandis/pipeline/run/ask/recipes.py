@@ -11,8 +11,8 @@ from pydantic import Field, model_validator
 from pandis.pipeline.run.ask.values import Count, Force, Missed, Options, Positive
 
 _MUON = (
-    "Muon's largest step size, for the matrices between sine layers (of ω0·W); null: Adam trains "
-    "them too"
+    "Muon's largest step size, as a step of ω0·W, for the matrices W between sine layers; null: "
+    "Adam trains them too"
 )
 _SCHEDULE = (
     "constant step sizes, or sizes that rise during the warm-up and then fall to zero along half a "
@@ -70,7 +70,7 @@ class Recipe(Options):
 
 
 class PaperRecipe(Recipe):
-    """The paper's recipe: seven-term loss on surface and box points, no exact distances."""
+    """The paper's recipe: a seven-term loss on surface and box points, without exact distances."""
 
     loss: Literal["paper"] = "paper"
     omega: Positive = Field(30.0, description="ω0, the factor inside every sine")
@@ -84,7 +84,7 @@ class PaperRecipe(Recipe):
         "subset",
         description="how a term that applies to only half of the points is averaged: `subset`, "
         "over that half; `batch`, over the whole batch, as in SIREN's code, which halves its "
-        "weight relative to the others. `batch` is as good in short trainings, and at least as "
+        "weight relative to the others. `batch` is as good in short runs, and at least as "
         "good in long ones (docs/benchmarks/ablations.md)",
     )
     learning_rate: Positive = Field(1e-4, description="Adam's largest step size")
@@ -111,8 +111,8 @@ class ExactRecipe(Recipe):
     )
     width: Annotated[int, Field(ge=1, le=1024)] = Field(
         248,
-        description="units of each sine layer; 248 units and the base are as large as the paper's "
-        "network",
+        description="units of each sine layer; 248 units and the base together take as much "
+        "memory as the paper's network",
     )
     base: Annotated[int, Field(ge=4, le=64)] | None = Field(
         16,

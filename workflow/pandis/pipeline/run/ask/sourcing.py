@@ -18,11 +18,12 @@ from pandis.base.errors import PandisError
 from pandis.engine.cache import cache_folder, keep
 
 FORMATS = ("obj", "ply", "stl", "off", "glb", "gltf", "3mf")
-#: Prefixes of sources that are not files of the user.
+#: Prefixes of sources that are not the user's files.
 SHIPPED, ANALYTIC = "pymeshlab:", "analytic:"
 #: Suffix of the array beside a mesh file that names a material for each face.
 _REGIONS = ".regions.npy"
-#: Largest mesh file (bytes) that is searched for references to other files. OBJ has them anywhere.
+#: Largest mesh file (bytes) that is searched for references to other files. An OBJ file may have
+#: them anywhere.
 _LARGEST = 1 << 30
 
 
@@ -101,7 +102,7 @@ def source_fault(source):
     ending = format_of(urlsplit(source).path if url_extension(source) else source)
     if ending not in FORMATS:
         return (
-            f"source: {source}: unknown format '.{ending}'; known are "
+            f"source: {source}: unknown format '.{ending}'; the known formats are "
             + ", ".join(f".{known}" for known in FORMATS)
             + ", each also as .gz; convert the mesh to one of them"
         )
@@ -117,7 +118,7 @@ def source_fault(source):
 def regions_file(path):
     """Return the path of the array that names a material for each face; it need not exist.
 
-    For ``part.stl`` it is ``part.stl.regions.npy``: `pandis.pipeline.mesh.regions.read_beside`.
+    For ``part.stl`` it is ``part.stl.regions.npy``: see `pandis.pipeline.mesh.regions.read_beside`.
     """
     path = Path(path)
     return path.with_name(path.name + _REGIONS)
@@ -248,7 +249,7 @@ class SourceDigests:
             except (OSError, ValueError):
                 self._known = {}
         stat = os.stat(path)
-        # ctime is included because a copy that preserves mtime cannot set it back
+        # ctime is included because a copy that preserves mtime cannot preserve ctime
         stamp = [stat.st_size, stat.st_mtime_ns, stat.st_ctime_ns, stat.st_ino]
         entry = self._known.get(str(path.resolve()))
         if not entry or entry.get("stamp") != stamp:

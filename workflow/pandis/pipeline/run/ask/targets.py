@@ -21,8 +21,8 @@ class DeviceOptions(Options):
     def _fits_a_workspace(cls, value):
         if value > LARGEST_DEVICE:
             raise ValueError(
-                f"no device reaches that far: at most {LARGEST_DEVICE:g}, in metres (a part of 60 "
-                "mm has a size of 0.06)"
+                f"no device reaches that far: at most {LARGEST_DEVICE:g}, in metres (for a part of "
+                "60 mm, write 0.06)"
             )
         return value
 
@@ -39,17 +39,17 @@ class GridTarget(Options):
     missed: Missed = Field(
         0.005, description="with `force_error`: share of the surface that may lack the force"
     )
-    bytes: Count | None = Field(None, description="memory that the field needs, in bytes")
+    bytes: Count | None = Field(None, description="memory that the field may need, in bytes")
 
     @model_validator(mode="after")
     def _one_target(self):
         if (self.force_error is None) == (self.bytes is None):
-            raise ValueError("name one of force_error and bytes")
+            raise ValueError("name one of force_error and bytes, but not both")
         return self
 
 
 class BudgetOptions(Options):
-    """Requirements on the field named `auto`: of the fields that meet them, the cheapest to build.
+    """Requirements on the field `auto`: it is the cheapest field to build that meets all of them.
 
     Errors are those of the contact set: points down to 0.04 below the surface, or to nine tenths of
     the radius of the largest ball inside that touches it there.
@@ -68,7 +68,8 @@ class BudgetOptions(Options):
     )
     query_time: Positive | None = Field(
         None,
-        description="median time of one query, in seconds, as listed in `config/query-times.csv` "
-        "(`snakemake -j1 -f calibrate` measures that table on your machine)",
+        description="largest median time of one query, in seconds, as listed in "
+        "`config/query-times.csv` (`snakemake -j1 -f calibrate` measures that table on your "
+        "machine)",
     )
-    bytes: Count | None = Field(None, description="memory that the field needs, in bytes")
+    bytes: Count | None = Field(None, description="memory that the field may need, in bytes")

@@ -20,8 +20,9 @@ def status_command():
     -------
     command : str
         ``squeue`` if it lists a job long enough after its end (`MinJobAge`), with or without an
-        accounting database. Otherwise ``sacct``, if there is a database: it reports a cancelled job
-        as "CANCELLED by" a user, which Snakemake's plugin 2.8.0 takes for a running job.
+        accounting database. Otherwise ``sacct``, if there is a database. ``sacct`` comes second
+        because it reports a cancelled job as "CANCELLED by" a user, which Snakemake's plugin 2.8.0
+        takes for a running job.
     age : int
         `MinJobAge`, seconds.
 
@@ -59,7 +60,7 @@ def listen(workflow):
     try:
         workflow.executor_settings.status_command, age = status_command()
     except PandisError as error:
-        # Snakemake would print a traceback around it
+        # a PandisError would make Snakemake print a traceback
         print(f"error: {error}", file=sys.stderr)
         raise SystemExit(1) from None
     plugin = sys.modules["snakemake_executor_plugin_slurm"]

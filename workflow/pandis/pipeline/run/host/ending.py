@@ -16,7 +16,7 @@ def farewell(plan):
     if plan.scenes:
         return f"\nThe scenes are in  {plan.folder}/scenes/"
     if not Path(plan.report).is_file() or Path(plan.report).stat().st_mtime < plan.start:
-        return "Done. The targets all and report make the report."
+        return "Done. To make the report, run the target all or report."
     return (
         f"\nThe report is in   {plan.report}\n"
         f"The table is in    {plan.summary}\n"
@@ -40,7 +40,7 @@ def _place(plan):
 
 
 def partial_note(plan):
-    """Return the path of the list of meshes missing from the report: no such file if none is."""
+    """Return the path of the list of meshes missing from the report; it exists only if any is."""
     return Path(plan.folder) / "refused.json"
 
 

@@ -56,13 +56,13 @@ def _beyond(name, minutes, megabytes, seconds):
     """Return a message about the exceeded limit; empty if there is none."""
     if minutes and seconds > 60 * minutes:
         return (
-            f"it has run longer than its {minutes:g} minutes; allow more with "
+            f"it has run for longer than the allowed {minutes:g} minutes; allow more with "
             f"--set-resources {name}:runtime={2 * minutes:g}, or reduce its work"
         )
     used = resident_megabytes()
     if megabytes and used > megabytes:
         return (
-            f"it uses {used:,.0f} MB of memory, but only {megabytes:,.0f} are allowed; allow "
+            f"it uses {used:,.0f} MB of memory, but only {megabytes:,.0f} MB are allowed; allow "
             f"more with --set-resources {name}:mem_mb={round(2 * used, -3):.0f}, or reduce its work"
         )
     return ""

@@ -3,9 +3,9 @@
 Snakemake tracks a script by its modification time, and an imported module not
 at all. Here every rule gets a ``code`` param instead: a digest of its script
 and of all library modules that it imports, directly or indirectly, C included.
-Comments, docstrings, annotations of signatures and formatting do not count. The
-same facts are stored inside each artifact, so that `verify` needs only the
-folder of results.
+Comments, docstrings, annotations of signatures and formatting do not count.
+The digests are stored inside each artifact, together with its options, inputs
+and versions, so that `verify` needs only the folder of results.
 """
 
 import ast
@@ -74,8 +74,8 @@ EVERYTHING = Needs()
 def needs(options):
     """Return the `Needs` of a stage with these options.
 
-    Left out are kinds without a field in the stage, the size search if the size is given, and
-    modules that the kinds report as unused.
+    The result excludes kinds without a field in the stage, the size search if the size is
+    given, and modules that the kinds report as unused.
     """
     kinds, unused = _kinds(options), []
     if options.get("kind") in KINDS and "target" not in options:
@@ -177,8 +177,8 @@ class CodeDigests:
     def _resolve(self, name):
         """Return the modules that ``import name`` runs: the module and its packages.
 
-        Left out are the models of options, and ``pandis`` itself, which contains only the version
-        and an entry point for users: no stage runs it.
+        The list omits the models of options. It also omits ``pandis`` itself, which contains only
+        the version and an entry point for users, because no stage runs it.
         """
         if name.startswith(_MODELS):
             return []

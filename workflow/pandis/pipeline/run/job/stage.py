@@ -1,8 +1,8 @@
 """Runs a script as a stage: its log, errors, threads, progress and artifact.
 
 Every script is ``with stage(snakemake, Task) as job:`` around a few calls of the library; ``Task``
-is the model of its options. The job's log also appears on the terminal, except for errors:
-Snakemake prints the log of a failed job itself, if it is a file.
+is the model of its options. The job's log also appears on the terminal. Errors do not, because
+Snakemake itself prints the log of a failed job, unless the log goes to an object store.
 """
 
 import hashlib
@@ -69,6 +69,7 @@ def stage(snakemake, task):
     signal.signal(signal.SIGTERM, _interrupt)
     os.environ["IGL_NUM_THREADS"] = str(snakemake.threads)
     # a BLAS sums in an order that depends on its thread count, which Snakemake sets to the job's
+    # thread count
     os.environ.update(dict.fromkeys(_BLAS_THREADS, "1"))
     warnings.showwarning = lambda message, category, *_: job.log(f"warning: {message}")
     resources = snakemake.resources
@@ -107,7 +108,7 @@ class Job:
 
     def __init__(self, snakemake, task):
         self._snakemake = snakemake
-        # the name of the script, as another workflow may rename the rule
+        # the name of the script, not of the rule, because another workflow may rename the rule
         self.stage = Path(sys.modules["__main__"].__file__).stem
         self.mesh = snakemake.wildcards.get("mesh")
         self._params, self._task = dict(snakemake.params.options), task
@@ -151,8 +152,8 @@ class Job:
         expected = self.workflow() / "pandis"
         if here != expected:
             raise PandisError(
-                f"the library was imported from {here}, but this workflow's is {expected}; "
-                "uninstall the other one: pip uninstall pandis-fields"
+                f"the library was imported from {here}, but this workflow needs {expected}; "
+                "uninstall the imported one: pip uninstall pandis-fields"
             )
         # digest now, while the files are still those that this process has imported
         self._modules = CodeDigests(self.workflow()).modules(self.stage, needs(self._params))

@@ -1,4 +1,4 @@
-"""Results in an object store: jobs use local copies, but record the paths without a store."""
+"""Results in an object store: jobs use local copies but record paths as if without a store."""
 
 import os
 

@@ -62,7 +62,7 @@ def _object_faults(path, key, placed, entries):
     values = entry.model_dump() | {"fields": [placed.field]}
     fault = next((message for at, message in name_faults(values) if at == "fields.0"), None)
     if fault is None and not parse_field(placed.field, entry.train).native:
-        fault = f"{placed.field} has no file for pandis.h: use a grid, spline, network or exact"
+        fault = f"{placed.field} has no file for pandis.h: use a grid, a spline, a network or exact"
     return {f"{path}.field": fault} if fault else {}
 
 
@@ -101,7 +101,7 @@ def scene_task(scene, entries):
 
 
 def _knows_regions(entry, name):
-    """Return a field of the mesh whose file contains the materials, if that of ``name`` does not.
+    """Return a field of the mesh whose file has the materials if the file of ``name`` does not.
 
     Return None if the file of ``name`` contains them, or if no file does. A compact mesh is
     preferred to the exact one.

@@ -41,8 +41,8 @@ QUERY_TIMES = "config/query-times.csv"
 #: Snakemake's records about the results of this working directory.
 RECORDS = Path(".snakemake/metadata")
 UNKNOWN = (
-    "note: this folder has no record of the options behind the results in {}; they are used as "
-    "they are (docs/cluster.md)"
+    "note: this folder has no record of the options behind the results in {}; the results are "
+    "used as they are (see docs/cluster.md)"
 )
 
 
@@ -206,9 +206,9 @@ class Plan:
     def target(self, name):
         """Return the files of a named target; ``all`` lists every file.
 
-        Intermediate files are included, because Snakemake runs no job only for a
-        missing intermediate file: after a failure it would otherwise find nothing
-        to do, although the results were made with older options.
+        Intermediate files are included, because Snakemake does not run a job merely
+        because an intermediate file is missing. Without them, after a failure, it
+        would find nothing to do although the results were made with older options.
         """
         if name not in TARGETS:
             return [output.path for output in self.everything()]
@@ -218,7 +218,7 @@ class Plan:
         return paths + [o.path for o in self.refusals() if name != "scenes"]
 
     def everything(self):
-        """Return every output of this configuration: with scenes, only those that they need."""
+        """Return every output of this configuration; with scenes, only theirs and those needed."""
         every = [o for mesh, entry in self.needed.items() for o in self.outputs(mesh, entry)]
         if self.until:
             every = [o for o in every if STAGES[o.stage].target not in JUDGING]
@@ -340,7 +340,7 @@ class Plan:
         """Return a function that returns the code digest of a job of ``stage``.
 
         The digest covers the script and its library modules, except those that the job's options
-        do not need: a method that a mesh does not use makes none of its results stale.
+        do not need. A change to a method that a mesh does not use makes none of its results stale.
         """
         return partial(self._job_code, stage)
 
@@ -382,9 +382,9 @@ class Plan:
         return self.entries[wildcards.mesh].train[wildcards.recipe].threads
 
     def train_priority(self, wildcards):
-        """Return a training's priority: the longest start first, as other jobs wait for them.
+        """Return a training's priority: the longest starts first, because other jobs wait for it.
 
-        It is the number of steps, or ten times the seconds of a time budget.
+        The priority is the number of steps, or ten times the seconds of a time budget.
         """
         recipe = budgeted(self.entries[wildcards.mesh].train[wildcards.recipe])
         return recipe.steps or int(10 * recipe.seconds)

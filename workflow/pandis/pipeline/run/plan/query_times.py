@@ -14,9 +14,9 @@ class QueryTimes:
     Parameters
     ----------
     path : path-like
-        CSV with the columns ``kind``, ``size``, ``microseconds``; lines with # are comments. Sizes
-        are faces (exact, compact), nodes per axis (grids), bytes (spline), units per layer
-        (network, of four layers).
+        CSV with the columns ``kind``, ``size``, ``microseconds``; lines that start with # are
+        comments. Sizes are faces (exact, compact), nodes per axis (grids), bytes (spline), units
+        per layer (network, of four layers).
 
     Raises
     ------
@@ -45,9 +45,9 @@ class QueryTimes:
     def seconds(self, form, size, **shape):
         """Return the median time of one query.
 
-        Logarithms of times are interpolated linearly over those of the kind's `work` at the sizes
-        in the table. Beyond the largest size the last slope continues, or the kind's `growth` if
-        that is greater.
+        The logarithm of the time is interpolated linearly over the logarithm of the kind's `work`,
+        between the sizes in the table. Beyond the largest size, the slope is that of the last
+        interval, or the kind's `growth` if that is greater.
 
         Parameters
         ----------

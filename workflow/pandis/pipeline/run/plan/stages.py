@@ -35,7 +35,8 @@ from pandis.pipeline.run.ask.tasks import (
 
 #: The recipe of networks that `fields: auto` may choose.
 CHOSEN_RECIPE = "pandis-exact"
-#: Scale for jobs independent of the device's, so that a change of the device's makes none stale.
+#: Scale given to jobs that do not depend on the device's scale, so that a change of the device's
+#: scale makes none of them stale.
 NOMINAL = {"size": 0.10, "stiffness": 400.0}
 
 
@@ -70,7 +71,7 @@ class PlannedJob:
         return dict(self.entry.device)
 
     def scale_of(self, target):
-        """Return the device's scale if the target is an error, which may be in newtons."""
+        """Return the device's scale if the target limits an error, which may be in newtons."""
         return self.scale if target and target.force_error is not None else NOMINAL
 
     @property
@@ -81,7 +82,7 @@ class PlannedJob:
 
 @dataclass(frozen=True)
 class Stage:
-    """A row of the table.
+    """A row of `STAGES`.
 
     Attributes
     ----------

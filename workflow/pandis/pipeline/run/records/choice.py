@@ -1,4 +1,4 @@
-"""The attributes of ``choice.zarr.zip``, besides those of the chosen field."""
+"""The attributes of ``choice.zarr.zip``, except those of the chosen field."""
 
 from pandis.pipeline.run.records.record import Record
 

@@ -62,7 +62,8 @@ class Pressed(Record):
         Share of the presses that reach a wall and do not shake there. Presses that friction may
         have stopped before the wall are ignored.
     unarmed : int
-        Presses that were skipped: the field pushed at every height at which one could begin.
+        Presses that were skipped because the field pushed the probe at every height at which the
+        press could begin.
     reach_m : float
         Largest distance of the probe from the middle of the workspace, m.
     ended : str
@@ -107,7 +108,7 @@ class TouchVerdict(Pressed):
     ----------
     device : str
     presses : int
-        Number of presses with 1.2 times the device's largest force, on thin and thick places.
+        Number of presses on thin and thick places, with 1.2 times the device's largest force.
     passes, penalty_passes : int
         Presses in which the proxy, or the probe under penalty forces, went through a wall.
     deepest_m : float

@@ -22,7 +22,7 @@ class PlacedRecord(PlacedObject):
 
 
 class TouchedRecord(Record):
-    """The same walk with a proxy for every object.
+    """The walk of a `SceneRecord`, repeated with a proxy for every object.
 
     Attributes
     ----------
@@ -33,7 +33,7 @@ class TouchedRecord(Record):
     touched_share : float
         Share of the ticks in contact.
     different : int
-        Number of forces that differ from those of stepping every object.
+        Number of forces that differ from those found by stepping every object.
     median_us, p999_us : float
         Median and 99.9th percentile of a tick, µs.
     """
@@ -61,7 +61,7 @@ class SceneRecord(Record):
     touched_share : float
         Share of the ticks in contact.
     different : int
-        Number of forces that differ from those of querying every object.
+        Number of forces that differ from those found by querying every object.
     median_us, p999_us : float
         Median and 99.9th percentile of a tick, µs.
     proxies : TouchedRecord or None

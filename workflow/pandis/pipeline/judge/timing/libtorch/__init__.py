@@ -40,7 +40,7 @@ def ask(path, points, queries):
     normal : ndarray, shape (n, 3)
     seconds : ndarray, shape (queries,)
         Times of single queries, which cycle through the points in order. As a warm-up, all points
-        are queried once before.
+        are queried once beforehand.
 
     Raises
     ------

@@ -10,7 +10,7 @@ from pandis.pipeline.run.records.samples import SamplesRecord
 
 #: Number of points that are drawn together. Each is used once.
 FRESH = 1 << 18
-#: Blocks made in parallel while a GPU uses one, because it uses a block faster than one is made.
+#: Blocks made in parallel while a GPU uses another, which takes less time than making one.
 AHEAD = 5
 
 
@@ -20,7 +20,7 @@ class Batches:
     Parameters
     ----------
     make : callable
-        Returns the rows of a block, ndarray (at least ``per_block * size``, c), by its number.
+        Takes the number of a block; returns its rows, ndarray (at least ``per_block * size``, c).
     size : int
         Rows of a batch.
     per_block : int
@@ -83,7 +83,7 @@ def surface_batches(places, base, size, seed, device):
 
 
 def area_points(samples):
-    """Return the stored surface points, distance and normal (n, 7): uniform by area."""
+    """Return the stored surface points, distances and normals (n, 7), uniform by area."""
     low, high = SamplesRecord.of(samples).strata["surface"]
     columns = [samples.arrays[k][low:high] for k in ("points", "distance", "normal")]
     return np.column_stack(columns).astype(np.float32)
@@ -93,7 +93,7 @@ def vertex_points(surface, engine):
     """Return the vertices, their distances (zero) and their normals (n, 7), float32.
 
     The normal at a mesh's vertex is the mean normal of its faces, weighted by their angles there
-    (Thürmer and Wüthrich 1998). The vertices of a tessellation are on its closed form.
+    (Thürmer and Wüthrich 1998). The vertices of a tessellation lie exactly on the closed form.
     """
     points = surface.vertices
     normal = engine.distance_and_normal(points)[1]
@@ -103,8 +103,8 @@ def vertex_points(surface, engine):
 def fresh_batches(strata, base, size, seed, device):
     """Return batches of points that are drawn and labelled on demand, and used once.
 
-    Labelling a point costs a thirtieth of training on it, and a network that is trained on
-    the same points again memorises them: see docs/training.md.
+    Labelling a point takes a thirtieth of the time of training on it, and a network that is
+    trained on the same points repeatedly memorises them: see docs/training.md.
 
     Parameters
     ----------

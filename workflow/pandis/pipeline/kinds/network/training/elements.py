@@ -1,4 +1,4 @@
-"""Elementwise operations of a step, between two products, and work on a second stream.
+"""Elementwise operations between a step's matrix products, and work on a second stream.
 
 On a CPU the operations use this library's loops or torch's. On a GPU each is one Warp kernel
 instead of several torch kernels, because a step there consists of many small kernels.
@@ -44,7 +44,7 @@ def sines(z, bias):
 
 
 def slopes_forward(along, chain, slope):
-    """Return along · chain; along is multiplied by slope in place."""
+    """Return along · chain; then multiply ``along`` by ``slope`` in place."""
     if (kernels := fused(along)) and chain.shape == along.shape:
         to_slope = torch.empty_like(along)
         kernels.launch(kernels.slopes_forward, along.shape, along, chain, slope, to_slope)
@@ -55,7 +55,10 @@ def slopes_forward(along, chain, slope):
 
 
 def slopes_back(back, slope, to_slope, sine):
-    """Set back to back · slope − to_slope · sine; to_slope is overwritten; None counts as 0."""
+    """Set ``back`` to back · slope − to_slope · sine; a ``to_slope`` of None counts as 0.
+
+    ``to_slope`` is overwritten.
+    """
     if to_slope is None:
         back *= slope
     elif kernels := fused(back):
@@ -67,7 +70,7 @@ def slopes_back(back, slope, to_slope, sine):
 
 @cache
 def _second_stream(device, first):
-    """Return a second stream beside the first; torch's own are the same 32 streams in turn."""
+    """Return a second stream; torch hands out 32 in turn, so its own could equal the first."""
     return _kernels().new_stream(device)
 
 

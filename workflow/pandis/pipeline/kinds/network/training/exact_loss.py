@@ -51,7 +51,7 @@ def exact_loss(
 
     The force error of a point at depth |d| is at most |Φ − d| + |d|·‖Ψ − n‖;
     both parts are L1 losses, weighted towards the surface, where probes are. The weights have a
-    lower bound, so that the deep interior is learnt, too.
+    lower bound, so that the network also learns the deep interior.
 
     Parameters
     ----------

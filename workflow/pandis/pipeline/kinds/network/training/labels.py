@@ -12,9 +12,9 @@ from pandis.pipeline.geometry.distance import SURFACE_DISTANCE, MeshDistance
 class GpuDistance:
     """The exact distance to a mesh; labels without ties are computed on a CUDA device.
 
-    Their signs equal the host's, and their distances do except for rounding: search and tree are
-    the same, also in double precision. Signs are not checked by winding numbers, unlike those of
-    the stored samples.
+    Their signs equal the host's, and their distances differ only by rounding: the device searches
+    the same tree, and computes closest points in double precision, too. Signs are not checked by
+    winding numbers, unlike those of the stored samples.
 
     Parameters
     ----------
@@ -58,13 +58,13 @@ def on_device(engine, device, log):
     try:
         return GpuDistance(engine, device)
     except (ImportError, RuntimeError) as error:
-        log(f"labels come from the host's cores, and the GPU may wait for them: {error}")
+        log(f"labels come from the host's cores, so the GPU may have to wait: {error}")
         return engine
 
 
 @contextmanager
 def own_stream(device):
-    """Run the body on a new stream, if it would run on a GPU's default one.
+    """Run the body on a new stream if it would otherwise run on a GPU's default stream.
 
     Labels are computed on another stream, which would wait for all steps on the default stream.
     """

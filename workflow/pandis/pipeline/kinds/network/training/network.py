@@ -1,7 +1,7 @@
 """The sine network in torch: Sitzmann et al. 2020, with the paper's four outputs or with one.
 
 Forward and backward passes are written out, even those through the gradient with respect
-to position: autograd would store and copy more, and needs a double backward pass.
+to position: autograd would store and copy more, and would need a double backward pass.
 """
 
 import itertools
@@ -24,7 +24,7 @@ def usual_omega(width):
 
 
 def named_arrays(parameters):
-    """Return parameters, all weights and then all biases, as arrays of a model artifact."""
+    """Return parameters (all weights, then all biases) as the arrays of a model artifact."""
     values = [p.detach().cpu().numpy() for p in parameters]
     count = len(values) // 2
     weights = {f"weight_{k}": value for k, value in enumerate(values[:count])}
@@ -69,7 +69,7 @@ class Siren(torch.nn.Module):
             self.biases.append((2 * bias - 1) / math.sqrt(fan_in))
 
     def forward(self, points):
-        """Return the outputs (n, 4) or (n, 1): Φ and Ψ at points (n, 3)."""
+        """Return the outputs at points (n, 3): Φ and Ψ (n, 4), or Φ alone (n, 1)."""
         return _Pass.apply(points, self.omega, False, *self.weights, *self.biases)[0]
 
     def forward_with_gradient(self, points):

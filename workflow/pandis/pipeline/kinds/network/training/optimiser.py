@@ -27,7 +27,7 @@ def orthogonal(matrices):
     """
     a, b, c = _QUINTIC
     x = matrices / (matrices.norm(dim=(1, 2), keepdim=True) + 1e-20)
-    if x.is_cuda:  # half as many kernels, and half the digits, as in Jordan's code
+    if x.is_cuda:  # half as many kernels and half the precision, as in Jordan's code
         x = x.bfloat16()
         for _ in range(_ROUNDS):
             square = torch.bmm(x, x.mT)

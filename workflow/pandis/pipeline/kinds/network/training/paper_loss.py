@@ -1,11 +1,12 @@
 """The paper's loss. Each of its seven terms is one function; means are over the points given.
 
 Five of the terms apply only on the surface or only off it. SIREN's code sets them to zero at the
-other points and averages over the whole batch; the paper does not say. Both can be chosen.
+other points and averages over the whole batch. The paper does not say whether it averages so, or
+over only the points to which a term applies. The option ``weighting`` selects one of these.
 
-Where the printed formulas cannot be meant literally (see ``docs/architecture.md``), inner
-products are read as cosines, because raw products are unbounded below, and ‖·‖ − 1 as its
-absolute value, because otherwise a vanishing Ψ would be rewarded.
+Some printed formulas cannot be meant literally (see ``docs/architecture.md``). Inner products are
+read as cosines, because raw products are unbounded below. ‖·‖ − 1 is read as its absolute value,
+because otherwise a vanishing Ψ would be rewarded.
 """
 
 import torch

@@ -29,8 +29,8 @@ def product(a, b, more=None):
 def keep_freed_memory():
     """Make glibc keep freed blocks for the next step; with another C library do nothing.
 
-    By default glibc returns the megabytes of every intermediate to the system, which
-    clears the pages again when they are next used.
+    By default glibc returns the memory of every large intermediate result to the system,
+    which has to clear the pages again when they are next used.
     """
     trim_threshold, mmap_threshold = -1, -3
     with contextlib.suppress(OSError, AttributeError):

@@ -17,8 +17,8 @@ class RecordedStep:
     Parameters
     ----------
     descend : callable
-        Takes a step with rows (n, c), n always the same, and returns the loss without waiting
-        for the GPU.
+        Takes a step with rows (n, c), where n never changes, and returns the loss without
+        waiting for the GPU.
     """
 
     def __init__(self, descend):

@@ -34,8 +34,8 @@ from pandis.pipeline.run.records.samples import SamplesRecord
 CHECKPOINT_SECONDS = 20.0
 CURVE_POINTS = 100
 QUICK = 4000
-#: A run has diverged if its error exceeds DIVERGED times the least so far, but not before EARLY of
-#: the budget, and not below HARMLESS of the mean force: a base may be nearly right at first.
+#: After a share EARLY of the budget, a run has diverged if its error exceeds both DIVERGED times
+#: the smallest so far and HARMLESS times the mean force: a base may be nearly exact at first.
 DIVERGED, EARLY, HARMLESS = 4.0, 0.05, 0.1
 RESTARTS = 5
 #: Options that set the requested accuracy, not the training of a network.
@@ -138,7 +138,7 @@ class Trainer:
         output, gradient = self.network.forward_with_gradient(torch.cat([points, rows[:, 7:10]]))
         if self.base is not None:
             known = torch.cat([rows[:, 10:14], rows[:, 14:18]])
-            # the base's gradient is added to Ψ, the other columns; with Φ alone there are none
+            # the base's gradient is added to Ψ in the other columns, unless Φ is the only output
             output = output + known[:, : output.shape[1]]
             gradient = gradient + known[:, 1:]
         return paper_loss(output[:n], gradient[:n], output[n:], gradient[n:], normal, self.options)
@@ -146,7 +146,7 @@ class Trainer:
     def _rate(self, share):
         """Return the step size at a share of the budget, as a share of the largest step size.
 
-        The step size is constant, or rises in a warm-up and falls to zero by half a cosine.
+        The step size is constant, or rises in a warm-up and then falls to zero along half a cosine.
         """
         if self.options.schedule == "constant":
             return self.slowdown
@@ -279,7 +279,7 @@ class Trainer:
         self._restore(self.good)
         self.slowdown, self.restarts = slowdown, restarts
         self.log(
-            f"warning: diverged at step {at}; continues from step {self.step}, step size halved"
+            f"warning: diverged at step {at}; continues from step {self.step} at half the step size"
         )
 
     def _divergence(self, how):
@@ -292,7 +292,7 @@ class Trainer:
 
     def _result(self):
         if not self._finite():
-            raise self._divergence(f"at step {self.step}: its weights are not finite")
+            raise self._divergence(f"at step {self.step}: the network's weights are not finite")
         arrays = named_arrays(self.parameters)
         if self.base is not None:
             arrays["base"] = self.base.coefficients
