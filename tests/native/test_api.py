@@ -29,7 +29,7 @@ INVALID, ERROR_COUNT = 2, -16
 
 def declarations():
     """Return the functions of the interface, each with the comment before it."""
-    pattern = r"(/\*(?:(?!\*/).)*\*/)\n((?:#define [^\n]*\\\n[^\n]*\n)?(?:PANDIS_API [^;]*;\n)+)"
+    pattern = r"(/\*(?:(?!\*/).)*\*/)\n((?:#define (?:[^\n]*\\\n)+[^\n]*\n)?(?:PANDIS_API [^;]*;\n)+)"
     for comment, declared in re.findall(pattern, INTERFACE, re.DOTALL):
         for name in re.findall(r"\b(pandis_[a-z_]+)\(", declared):
             yield name, comment

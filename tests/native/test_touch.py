@@ -82,7 +82,7 @@ def test_another_size_or_device_is_not_what_was_found_safe(exported):
         (exported.parent.parent / "hardware.json").write_text(told)
         assert touch.known(exported, "touch", 0.1).why.endswith("says: Fail")
     (exported.parent.parent / "hardware.json").write_text(json.dumps(report | {"rate": 10_000.0}))
-    assert "about 10000 Hz" in touch.known(exported, "touch", 0.1).why
+    assert "is for 10000 Hz" in touch.known(exported, "touch", 0.1).why
     (exported.parent.parent / "hardware.json").write_text(json.dumps(report))
     assert "does not cover falcon" in touch.known(exported, "falcon", 0.1).why
 
