@@ -38,9 +38,9 @@ def run(body, minutes=None, megabytes=None):
     [
         (
             {"minutes": 1e-3},
-            "its 0.001 minutes; allow more with --set-resources bake:runtime",
+            "allowed 0.001 minutes; allow more with --set-resources bake:runtime",
         ),
-        ({"megabytes": 1}, "only 1 are allowed; allow more with --set-resources bake:mem_mb"),
+        ({"megabytes": 1}, "only 1 MB are allowed; allow more with --set-resources bake:mem_mb"),
     ],
 )
 def test_a_body_that_never_ends_is_ended_in_a_sentence(limits, said):

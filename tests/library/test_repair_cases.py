@@ -183,6 +183,6 @@ def test_matter_that_becomes_a_cavity_is_said():
     inner = ball.vertices / 2, np.asarray(ball.faces)
     _, _, record, said = mended(joined((ball.vertices, np.asarray(ball.faces)), inner))
     assert "a solid inside another becomes a cavity" in said
-    assert f"{ball.volume / 8:.4g} cubic mesh units" in said
+    assert f"{ball.volume / 8:.4g} of " in said
     assert "`mesh: {nested: solid}` keeps it" in said
     assert record["after"]["cavities"] == 1

@@ -29,7 +29,8 @@ INVALID, ERROR_COUNT = 2, -16
 
 def declarations():
     """Return the functions of the interface, each with the comment before it."""
-    pattern = r"(/\*(?:(?!\*/).)*\*/)\n((?:#define (?:[^\n]*\\\n)+[^\n]*\n)?(?:PANDIS_API [^;]*;\n)+)"
+    macro = r"(?:#define (?:[^\n]*\\\n)+[^\n]*\n)?"
+    pattern = rf"(/\*(?:(?!\*/).)*\*/)\n({macro}(?:PANDIS_API [^;]*;\n)+)"
     for comment, declared in re.findall(pattern, INTERFACE, re.DOTALL):
         for name in re.findall(r"\b(pandis_[a-z_]+)\(", declared):
             yield name, comment
