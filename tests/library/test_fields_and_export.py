@@ -337,6 +337,7 @@ def test_what_has_a_file_is_answered_by_it(tmp_path):
 # --- a finished run -------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_fields_of_a_run_open_by_name(finished):
     home = finished / "results" / "sphere"
     stems = ("grid-force-24", "model-pandis-exact")

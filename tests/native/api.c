@@ -21,7 +21,7 @@ int main(void) {
     if (PANDIS_CHECK() != PANDIS_SUCCESS || strcmp(pandis_version(), PANDIS_VERSION)) return 1;
     if (check("0.0.9", 0) != PANDIS_ERROR_HEADER || check(PANDIS_VERSION, 8) != PANDIS_ERROR_HEADER)
         return 2;
-    if (!strstr(pandis_error_text(PANDIS_ERROR_HEADER), "another version")) return 3;
+    if (!strstr(pandis_error_text(PANDIS_ERROR_HEADER), "differ in version")) return 3;
 
     if (pandis_scene_open(&scene, objects, 2, room, rooms - 1) != PANDIS_ERROR_COUNT) return 4;
     if (pandis_scene_force(&scene, point, force) != PANDIS_OK || pandis_scene_queries(&scene))

@@ -306,7 +306,7 @@ def test_damage_is_found_and_named(name, files, tmp_path):
     refused(b"PK" + data[2:], "not a .pandis file")
     refused(data[:8] + data[8:12][::-1] + data[12:], "byte order of the file")
     for version in (0, 5):
-        refused(data[:12] + struct.pack("<I", version) + data[16:], "another version")
+        refused(data[:12] + struct.pack("<I", version) + data[16:], "differ in version")
     with pytest.raises(ArtifactError, match="cannot be read"):
         NativeField(tmp_path / "missing.pandis")
 
