@@ -124,6 +124,30 @@ static int pandis__rise(pandis__proxy *p, const double *probe) {
     return 1;
 }
 
+/* After a step without an answer, prepare the next one. The force grows from zero again, and the
+ * next look is from nearer. The contact begins anew if the probe is free, and the proxy's place has
+ * no answer or the way there from the probe is free: beside a gap of the field, the proxy could
+ * stay for ever. */
+PANDIS__ONCE static void pandis__recover(pandis__proxy *p, const double *probe) {
+    pandis__contact *c = p->state;
+    pandis__look look;
+    double at[3] = {probe[0], probe[1], probe[2]};
+    memset(c->pull, 0, sizeof c->pull);
+    memset(c->velocity, 0, sizeof c->velocity);
+    memcpy(c->probe, probe, sizeof c->probe);
+    c->lift = fmax(c->lift / 4, PANDIS__HOVER / 64);
+    int gap = !pandis__look_at(p, c->proxy, &look);
+    if (!pandis__look_at(p, at, &look)) return;
+    for (int turn = 0; turn < 128 && look.free > 0; turn++) {
+        double left = pandis__between(at, c->proxy), share = fmin(1, look.free / left);
+        for (int k = 0; k < 3; k++) at[k] += share * (c->proxy[k] - at[k]);
+        if (gap || left <= PANDIS__GAP || !pandis__look_at(p, at, &look)) {
+            c->state = PANDIS__BEGINS;
+            return;
+        }
+    }
+}
+
 /* Find the region at the proxy, from a mesh of the same object. */
 static void pandis__find_region(pandis__proxy *p) {
     const pandis_field *f = p->field;
@@ -251,7 +275,10 @@ PANDIS_API pandis_flag pandis_contact_step(pandis_contact *handle, const pandis_
         touch->state = p.flag == PANDIS_INVALID ? 0 : PANDIS_WAITING;
         return touch->flag;
     }
-    if (!answered) return touch->flag = PANDIS_INVALID;
+    if (!answered) {
+        pandis__recover(&p, probe);
+        return touch->flag = PANDIS_INVALID;
+    }
     pandis__retain(contact, &p, way.active, probe);
     /* the spring changes by no more than the probe and the proxy may move */
     pandis__stretch(contact, probe, 2 * moved + options->slide * dt * per, dt);

@@ -168,7 +168,8 @@ PANDIS_API pandis_error pandis_contact_set(
  * dt        seconds since the last step, more than 0. Tested with steps of 0.2 to 5 ms
  *
  * Returns touch->flag. PANDIS_INVALID means that there is no force in this tick: it drops to zero
- * at once. This happens if the position, dt, the stiffness or a material is out of range. Apart
+ * at once. This happens if the position, dt, the stiffness or a material is out of range, or if the
+ * field has no answer near the probe or the proxy; after that, the force grows from zero. Apart
  * from damping, the force changes by at most the object's stiffness times (twice the probe's motion
  * + slide * dt). A jump of the object counts as motion of the probe. */
 PANDIS_API pandis_flag pandis_contact_step(pandis_contact *contact, const pandis_object *object,
