@@ -118,11 +118,15 @@ def main(tests):
         taken = sum(count > 0 for count in branches.values())
         print(f"{name}: {100 * taken / len(branches):.1f} % of {len(branches):,} branches")
         lines = (PACKAGE / name).read_text().splitlines()
-        missed = sorted({line for (line, *_), count in branches.items() if not count})
-        for line in missed:
+        missed = defaultdict(list)
+        for (line, column, outcome), count in sorted(branches.items()):
+            if not count:
+                missed[line].append(f"column {column} never {str(outcome).lower()}")
+        for line, outcomes in missed.items():
             text = lines[line - 1].strip()
             reason = next((why for begin, why in REASONS.items() if text.startswith(begin)), "")
-            print(f"  {line}: {text[:110]}{reason and '  -- ' + reason}")
+            note = reason or ", ".join(outcomes)
+            print(f"  {line}: {text[:110]}  -- {note}")
 
 
 if __name__ == "__main__":
