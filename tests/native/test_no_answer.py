@@ -74,6 +74,7 @@ def test_without_an_answer_there_is_no_force_and_no_wall_is_lost(gaps, budget):
         none = seen.flag == INVALID
         assert not seen.force[none].any()
         assert np.isfinite(seen.force).all()
+        assert seen.queries.max() <= budget + 2 + 130
         assert np.isfinite(seen.proxy[~none]).all()
         # after a gap the force grows from zero, by no more than in any other tick
         moved = np.linalg.norm(np.diff(path, axis=0), axis=1) + mine.options.slide * 1e-3

@@ -566,9 +566,9 @@ typedef struct {
     /* largest excess of the proxy's speed over the probe's: scene lengths per second, at least 0.
      * It limits jumps of the force at ridges. Default: half the object's longest side */
     double slide;
-    /* number of queries after which a step ends (a started look may add two, and `regions` one);
-     * the next step goes on from there. At least 8: with fewer, every step would start over.
-     * Default 24 */
+    /* number of queries after which a step ends (a started look may add two, `regions` one, and a
+     * step without an answer 130); the next step goes on from there. At least 8: with fewer, every
+     * step would start over. Default 24 */
     int32_t budget;
     /* one per region, kept by the caller, who may change values between steps. The first also
      * applies to places with no region, or with one beyond the last. NULL: smooth */
@@ -5263,6 +5263,7 @@ PANDIS_API pandis_flag pandis_contact_step(pandis_contact *handle, const pandis_
     }
     if (!answered) {
         pandis__recover(&p, probe);
+        touch->queries = p.queries;
         return touch->flag = PANDIS_INVALID;
     }
     pandis__retain(contact, &p, way.active, probe);

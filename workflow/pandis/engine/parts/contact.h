@@ -277,6 +277,7 @@ PANDIS_API pandis_flag pandis_contact_step(pandis_contact *handle, const pandis_
     }
     if (!answered) {
         pandis__recover(&p, probe);
+        touch->queries = p.queries;
         return touch->flag = PANDIS_INVALID;
     }
     pandis__retain(contact, &p, way.active, probe);
