@@ -11,7 +11,7 @@ from pandis.pipeline.geometry.shapes import SHAPES
 from pandis.runtime.contact import NativeContact
 from pandis.runtime.field import NativeField
 from pandis.runtime.samples import SIZES, sample_bytes
-from pandis.runtime.scene import Placed
+from pandis.runtime.scene import NativeScene, Placed
 
 
 @pytest.mark.parametrize("name", SHAPES)
@@ -42,6 +42,11 @@ def test_a_sample_has_a_proxy_and_a_scene():
     way = np.linspace([0, 0, 0.02], [0, 0, 0.008], 50)
     touches = contact.follow(way)
     assert touches.force[-1] == pytest.approx([0, 0, 400 * 0.002])
+    # a scene does not query an object whose box is far away
+    away = NativeScene([Placed.at(field, 0.1, 400.0)]).answer(
+        np.array([[0.0, 0, 0.2], [0.2, 0, 0]])
+    )
+    assert not away.queries.any()
 
 
 @pytest.mark.parametrize(

@@ -3707,7 +3707,7 @@ static size_t pandis__next_awake(
     size_t start = from - from % PANDIS_SCENE_BLOCK;
     for (; start < scene->count; start += PANDIS_SCENE_BLOCK, from = start) {
         const double *ball = pandis__ball(scene, use, start);
-        int awake = from > start; /* its block has been looked at */
+        int awake = from > start; /* mid-block: an earlier call already found this block awake */
         for (int i = 0; i < PANDIS_SCENE_BLOCK; i++) {
             double x = point[0] - ball[i], y = point[1] - ball[i + PANDIS_SCENE_BLOCK];
             double z = point[2] - ball[i + 2 * PANDIS_SCENE_BLOCK];
@@ -4207,7 +4207,8 @@ static void pandis__learn(
     memcpy(seen.normal, look->normal, sizeof seen.normal);
     memcpy(seen.foot, look->foot, sizeof seen.foot);
     seen.offset = pandis__dot(seen.normal, seen.foot);
-    /* of two planes that face each other without a gap, the nearer one is a fold */
+    /* two planes that face each other without a gap come from a fold in the surface: ignore the new
+     * plane if the look was made less than the blur from it, else forget the old one */
     for (int i = p->count - 1; i >= 0; i--) {
         double gap = pandis__height(p->plane + i, seen.foot);
         if (pandis__dot(p->plane[i].normal, seen.normal) > -PANDIS__ALIKE || fabs(gap) > p->blur)
@@ -5942,8 +5943,8 @@ PANDIS__ONCE PANDIS_API const char *pandis_error_text(pandis_error error) {
                "friction, nothing negative)";
     case PANDIS_ERROR_COUNT: return "an array is shorter or longer than required";
     case PANDIS_ERROR_HEADER:
-        return "pandis.h and the compiled implementation differ in version or in the packing of "
-               "structures: compile both with the same header";
+        return "the program and the compiled implementation differ in version or in the packing of "
+               "structures: build both with the same pandis.h and the same packing";
     default: return "unknown error";
     }
 }

@@ -41,7 +41,8 @@ def sample_bytes(shape: str, *sizes: Number) -> bytes:
     half = _half(shape, numbers)
     frame = Frame.of_bounds(-half, half)
     corners = frame.to_unit(np.stack([-half, half]))
-    safe = np.concatenate([corners.ravel(), [0.0, 0.0]])  # its answers are exact everywhere
+    # margins and height are 0, because a closed form's answers are exact everywhere
+    safe = np.concatenate([corners.ravel(), [0.0, 0.0, 0.0]])
     wholes, provenance = [SHAPES.index(shape)], {"options": {"field": "exact"}}
     return pack(SHAPE, frame, wholes, numbers, {"SAFE": safe}, provenance)
 

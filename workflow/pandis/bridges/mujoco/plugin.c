@@ -222,9 +222,11 @@ static const char *take_meshes(placed *p, const mjModel *m, int instance) {
     take_pose(p, m->mesh_pos + 3 * mesh, m->mesh_quat + 4 * mesh);
     const double apart = gap(p, m, mesh);
     if (apart > 0.02)
-        mujoco.warn(NAME ": mesh %s ends elsewhere than the field's surface (%.2g of the longest "
-                         "side apart), so MuJoCo misses contacts there. Either its scale is "
-                         "another one, or it lacks thin parts: name a mesh file for it",
+        mujoco.warn(NAME ": mesh %s ends elsewhere than the field's surface (their bounds are %.2g "
+                         "of the longest side apart), so MuJoCo misses contacts there. Either its "
+                         "scale is another one than the field's, or thin parts are missing from "
+                         "it: give it the field's scale, and the mesh file that the field was made "
+                         "from",
             m->names + m->name_meshadr[mesh], apart);
     return NULL;
 }

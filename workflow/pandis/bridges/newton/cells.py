@@ -155,7 +155,8 @@ def fit(distance, grid, blocks, values, progress):
     spots, shares = (np.array(list(product(each, repeat=3))) for each in _GAUSS)
     weights = np.prod(np.where(_CORNERS, spots[:, None], 1 - spots[:, None]), axis=2)
     count, share = len(values), np.prod(shares, axis=1)
-    whole = np.bincount(corners.ravel(), minlength=count) == len(_CORNERS)  # all its cells are near
+    # mask of the nodes whose eight cells are all near the surface
+    whole = np.bincount(corners.ravel(), minlength=count) == len(_CORNERS)
 
     def gathered(of_cells):
         return whole * np.bincount(corners.ravel(), of_cells.ravel(), count)

@@ -15,8 +15,8 @@ from pandis.engine.threads import SMALL, in_threads
 PARTS = ("VERT", "VNRM", "FACE", "NEIG", "TREE", "LEAF")
 #: Bytes of a node and of a leaf.
 NODE_BYTES, LEAF_BYTES = 224, 200
-#: Numbers of branches of a tree, as in branches.h: those opened first, and all. Trees over fewer
-#: than _MANY faces are built by one thread.
+#: Numbers of branches, as in branches.h: those in the first two levels, which are opened first, and
+#: the total including the third level. A tree of fewer than _MANY faces is built by one thread.
 _OPENED, _BRANCHES, _MANY = 1 + 8, 1 + 8 + 64, 10_000
 INVALID, TIED, OVERRULED, ON_SURFACE = 1, 2, 4, 8
 

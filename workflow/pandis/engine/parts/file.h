@@ -335,8 +335,8 @@ PANDIS__ONCE PANDIS_API const char *pandis_error_text(pandis_error error) {
                "friction, nothing negative)";
     case PANDIS_ERROR_COUNT: return "an array is shorter or longer than required";
     case PANDIS_ERROR_HEADER:
-        return "pandis.h and the compiled implementation differ in version or in the packing of "
-               "structures: compile both with the same header";
+        return "the program and the compiled implementation differ in version or in the packing of "
+               "structures: build both with the same pandis.h and the same packing";
     default: return "unknown error";
     }
 }

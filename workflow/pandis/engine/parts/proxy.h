@@ -162,7 +162,8 @@ static void pandis__learn(
     memcpy(seen.normal, look->normal, sizeof seen.normal);
     memcpy(seen.foot, look->foot, sizeof seen.foot);
     seen.offset = pandis__dot(seen.normal, seen.foot);
-    /* of two planes that face each other without a gap, the nearer one is a fold */
+    /* two planes that face each other without a gap come from a fold in the surface: ignore the new
+     * plane if the look was made less than the blur from it, else forget the old one */
     for (int i = p->count - 1; i >= 0; i--) {
         double gap = pandis__height(p->plane + i, seen.foot);
         if (pandis__dot(p->plane[i].normal, seen.normal) > -PANDIS__ALIKE || fabs(gap) > p->blur)

@@ -162,7 +162,7 @@ static size_t pandis__next_awake(
     size_t start = from - from % PANDIS_SCENE_BLOCK;
     for (; start < scene->count; start += PANDIS_SCENE_BLOCK, from = start) {
         const double *ball = pandis__ball(scene, use, start);
-        int awake = from > start; /* its block has been looked at */
+        int awake = from > start; /* mid-block: an earlier call already found this block awake */
         for (int i = 0; i < PANDIS_SCENE_BLOCK; i++) {
             double x = point[0] - ball[i], y = point[1] - ball[i + PANDIS_SCENE_BLOCK];
             double z = point[2] - ball[i + 2 * PANDIS_SCENE_BLOCK];

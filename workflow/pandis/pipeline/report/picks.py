@@ -1,4 +1,4 @@
-"""The files of a mesh to use, with error, size, time and safe stiffness in words."""
+"""Which of a mesh's files to use, with their error, size, time and safe stiffness in words."""
 
 from pandis.pipeline.judge.errors.front import may_be_used
 from pandis.pipeline.judge.servo.attached import SHARE

@@ -14,7 +14,9 @@ typedef struct {
     /* least balance of all contacts, J; if below zero, the wall gave more energy than it had taken
      * and the device had lost */
     double worst;
-    double debt;  /* energy that earlier contacts gave and that was not paid back, J: at most 0 */
+    /* energy that the wall gave in earlier contacts and has not yet got back, J, as a negative
+     * number; 0 if none */
+    double debt;
     double spare; /* losses of the device beyond the cap, J */
 } energy;
 

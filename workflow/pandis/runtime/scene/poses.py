@@ -85,7 +85,7 @@ class Poses:
             raise ValueError(
                 "a pose is invalid (a matrix is not a rotation, or a value is not finite or too "
                 "large), an object turns more than halfway round before the next frame, or the "
-                "period is not above 0 and at most 1e6 s: nothing was handed over"
+                "period is outside the range 0 < period <= 1e6 s: nothing was handed over"
             )
 
     def step(self, dt: Number = 1e-3) -> bool:

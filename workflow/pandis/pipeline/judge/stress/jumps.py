@@ -70,7 +70,11 @@ def _change_figures(name, change):
 
 
 def _nearby(exact, points, along, way, exactly):
-    """Return the change (n,) of the exact force nearby, beyond that of a flat wall."""
+    """Return how much (n,) the exact force changes over a longer move, beyond a flat wall's share.
+
+    The longer move has the same middle and is NEARBY times as long. What a flat wall adds over the
+    extra length is subtracted. The result is at least ``exactly``, the change over the move itself.
+    """
     middle = points + way / 2 * along
     whole = _changes(exact, middle - NEARBY * way / 2 * along, along, NEARBY * way)
     return np.maximum(whole - (NEARBY - 1) * way, exactly)

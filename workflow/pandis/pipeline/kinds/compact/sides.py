@@ -74,9 +74,10 @@ def _folded(faces, normal, low):
 def _with_edges(corners, edges, faces, normal):
     """Return the sides of corners, made consistent with those of their edges.
 
-    In single precision, a distant point can be as near to a corner as to its edges. So corners to
-    which no point is nearest take the side of their edges. A ray is used where the edges disagree,
-    or where they have no side and the faces point in many directions.
+    Because of rounding in single precision, a corner can be found nearest to a distant point
+    although, exactly, it is nearest to none. Unless its faces all point in nearly the same
+    direction, such a corner takes the side of its edges. The side is found by a ray where the edges
+    contradict each other or the corner, and where such a corner has no edge with a side.
     """
     touched = np.zeros((len(corners), 4), bool)
     for ends in (faces, np.roll(faces, -1, axis=1)):

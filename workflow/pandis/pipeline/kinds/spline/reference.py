@@ -10,8 +10,9 @@ from pandis.pipeline.kinds.record import SplineRecord
 from pandis.pipeline.kinds.spline.lattices import box_lattice
 
 _LEVELS = ("base", "fine", "far")
-#: Maximum distance by which a point is lifted to undo the rounding of a crease (steps of the base),
-#: and how far below 1 the squared length of the gradient must be for a point to be lifted.
+#: Maximum distance, in steps of the base lattice, by which a point is lifted where the spline has
+#: smoothed a crease; and how far below 1 the squared length of the gradient must be before a point
+#: is lifted.
 _LIFT, _SHORT = 0.7, 0.02
 
 

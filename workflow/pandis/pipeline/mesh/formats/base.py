@@ -85,7 +85,7 @@ def numbers(rows, where):
 def text_of(data, form):
     """Decode bytes as text; reject binary data."""
     if b"\0" in data:
-        raise FormatError(f"it is not text, as {form} must be: it contains zero bytes; {AGAIN}")
+        raise FormatError(f"it is not text, as {form} must be: it contains NUL bytes; {AGAIN}")
     return data.decode("utf-8", "replace").removeprefix("﻿")
 
 

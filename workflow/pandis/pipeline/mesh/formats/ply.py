@@ -165,7 +165,7 @@ class _Text:
 
     def __init__(self, data, start):
         if b"\0" in data[start:]:
-            raise FormatError(f"its header declares text, but zero bytes follow; {AGAIN}")
+            raise FormatError(f"its header declares text, but NUL bytes follow; {AGAIN}")
         first = data[:start].count(b"\n") + 1
         lines = lines_of(data[start:].decode("latin-1"))
         self.lines = [(first + i, row) for i, line in enumerate(lines) if (row := words(line))]

@@ -100,8 +100,9 @@ class SurfaceOptions(MaterialOptions):
     )
     materials: dict[str, MaterialOptions] = Field(
         default_factory=dict,
-        description="friction, damping and texture by material, as named in the mesh's file (OBJ, "
-        "glTF, 3MF) or in the array beside it",
+        description="friction, damping and texture by material; the names are those in the mesh's "
+        "file (OBJ, glTF, 3MF) or in the array file beside it (for part.stl: "
+        "part.stl.regions.npy)",
     )
 
 

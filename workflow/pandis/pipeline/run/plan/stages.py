@@ -87,8 +87,8 @@ class Stage:
     Attributes
     ----------
     outputs : callable
-        Returns, for a mesh's options, the path of each output below the mesh's folder and the
-        wildcards of its rule other than the mesh.
+        Takes a mesh's options; returns a pair for each output: its path relative to the mesh's
+        folder, and the wildcards of its rule except the mesh.
     options : callable
         Returns the options of a `PlannedJob`: a model of `pandis.pipeline.run.ask.tasks`. A change
         of any of them makes the job stale.

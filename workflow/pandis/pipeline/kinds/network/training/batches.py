@@ -10,7 +10,8 @@ from pandis.pipeline.run.records.samples import SamplesRecord
 
 #: Number of points that are drawn together. Each is used once.
 FRESH = 1 << 18
-#: Blocks made in parallel while a GPU uses another, which takes less time than making one.
+#: Number of blocks prepared in parallel while a GPU uses one, since making a block takes longer
+#: than using it.
 AHEAD = 5
 
 
