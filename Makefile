@@ -29,7 +29,7 @@ test-full: lint
 lint: .venv/installed
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
-	$(BIN)/clang-format --dry-run --Werror $$(git ls-files '*.c' '*.h' '*.cpp' ':!*/pandis.h')
+	$(BIN)/clang-format --dry-run --Werror $$(find docs tests workflow \( -name '*.[ch]' -o -name '*.cpp' \) ! -name pandis.h)
 	$(BIN)/snakefmt --check workflow/Snakefile rules
 	$(BIN)/snakemake --lint --configfile config/fast.yaml
 

@@ -13,9 +13,9 @@ import sys
 
 import numpy as np
 from common import write
-from native import bunny, fields
 from scipy.spatial.transform import Rotation
 
+from native import bunny, fields
 from pandis.base.frame import UNIT_SIDE
 from pandis.pipeline.kinds.clearance import clearance
 from pandis.pipeline.kinds.native import native_bytes

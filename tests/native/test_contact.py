@@ -3,8 +3,8 @@ scenes skip nothing that counts."""
 
 import numpy as np
 import pytest
-from conftest import FRAME
 
+from conftest import FRAME
 from pandis.base.errors import PandisError
 from pandis.base.frame import UNIT_SIDE, Frame
 from pandis.pipeline.geometry.body import Body

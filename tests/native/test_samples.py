@@ -53,9 +53,9 @@ def test_a_sample_has_a_proxy_and_a_scene():
     ("given", "why"),
     [
         (("cube",), "choose one of sphere, torus, box, capsule"),
-        (("torus", 1.0), "2 positive size"),
-        (("sphere", -1.0), "1 positive size"),
-        (("sphere", np.inf), "1 positive size"),
+        (("torus", 1.0), "2 finite sizes above zero"),
+        (("sphere", -1.0), "a finite size above zero"),
+        (("sphere", np.inf), "a finite size above zero"),
     ],
 )
 def test_what_is_no_shape_is_refused(given, why):
@@ -68,5 +68,5 @@ def test_the_command_writes_a_file(tmp_path, capsys):
     assert main(["sample", "torus", str(path), "3", "1"]) == 0
     assert pandis.load(path).query([[3.0, 0, 0]]).distance == pytest.approx(-1.0)
     assert main(["sample", "torus", str(path), "3"]) == 1
-    assert "2 positive size" in capsys.readouterr().err
+    assert "2 finite sizes above zero" in capsys.readouterr().err
     assert path.stat().st_size < 1000

@@ -5112,9 +5112,9 @@ static int pandis__rise(pandis__proxy *p, const double *probe) {
 }
 
 /* After a step without an answer, prepare the next one. The force grows from zero again, and the
- * next look is from nearer. The contact begins anew if the probe is free, and the proxy's place has
- * no answer or the way there from the probe is free: beside a gap of the field, the proxy could
- * stay for ever. */
+ * next look is from nearer to the surface. The contact begins anew if the straight way from the
+ * probe to the proxy is free, up to the proxy or to the first place without an answer. Otherwise,
+ * beside a gap of the field, the proxy could stay for ever. */
 PANDIS__ONCE static void pandis__recover(pandis__proxy *p, const double *probe) {
     pandis__contact *c = p->state;
     pandis__look look;
@@ -5123,12 +5123,11 @@ PANDIS__ONCE static void pandis__recover(pandis__proxy *p, const double *probe) 
     memset(c->velocity, 0, sizeof c->velocity);
     memcpy(c->probe, probe, sizeof c->probe);
     c->lift = fmax(c->lift / 4, PANDIS__HOVER / 64);
-    int gap = !pandis__look_at(p, c->proxy, &look);
     if (!pandis__look_at(p, at, &look)) return;
     for (int turn = 0; turn < 128 && look.free > 0; turn++) {
         double left = pandis__between(at, c->proxy), share = fmin(1, look.free / left);
         for (int k = 0; k < 3; k++) at[k] += share * (c->proxy[k] - at[k]);
-        if (gap || left <= PANDIS__GAP || !pandis__look_at(p, at, &look)) {
+        if (left <= PANDIS__GAP || !pandis__look_at(p, at, &look)) {
             c->state = PANDIS__BEGINS;
             return;
         }

@@ -37,7 +37,8 @@ def sample_bytes(shape: str, *sizes: Number) -> bytes:
     numbers = tuple(float(size) for size in sizes or SIZES[shape])
     count = len(SIZES[shape])
     if len(numbers) != count or not all(np.isfinite(size) and size > 0 for size in numbers):
-        raise PandisError(f"{shape}: give {count} positive size(s), not {numbers}")
+        sizes = "a finite size" if count == 1 else f"{count} finite sizes"
+        raise PandisError(f"{shape}: give {sizes} above zero, not {numbers}")
     half = _half(shape, numbers)
     frame = Frame.of_bounds(-half, half)
     corners = frame.to_unit(np.stack([-half, half]))
