@@ -111,6 +111,17 @@ def test_versions_and_lengths_are_checked(tmp_path, language):
 
 
 @pytest.mark.slow
+def test_arguments_out_of_range_are_refused(files, tmp_path):
+    """Nothing is read through them, and a contact goes on with the next step that is right."""
+    flags = ["-std=c99", "-g", "-fsanitize=address,undefined", "-fno-sanitize-recover=all"]
+    source = ROOT / "tests" / "native" / "refusals.c"
+    program = compiled(tmp_path, "gcc", "-Wall", "-Werror", *flags, source=source)
+    words = [files["exact"], files["spline"], files["nearest"], tmp_path]
+    done = subprocess.run([program, *words], check=False, capture_output=True, text=True)
+    assert done.returncode == 0, f"check {done.returncode}: {done.stderr}"
+
+
+@pytest.mark.slow
 @pytest.mark.parametrize("compiler", ["g++", "clang++"])
 def test_the_warnings_of_other_projects_find_nothing(tmp_path, compiler):
     """They had 400 of these, in C++, for whoever compiles all with them."""
