@@ -11,7 +11,7 @@ from pandis.pipeline.run.plan.query_times import QueryTimes
 with stage(snakemake, ChooseTask) as job:
     mesh, times = job.read("mesh", "mesh"), QueryTimes(job.note_file(job.input.times))
     body = Body.open(mesh)
-    points = Points(body.surface, body.distance, Scale.of(job.options), job.options.seed)
+    points = Points(body, Scale.of(job.options), job.options.seed)
     where = job.checkpoint(), job.progress, job.log
     arrays, attributes, finish = Chooser(body, points, job.options, times, *where).choose()
     job.write("choice", arrays, attributes | body.frame.attributes())

@@ -8,6 +8,6 @@ from pandis.pipeline.run.job.stage import stage
 with stage(snakemake, SampleTask) as job:
     mesh = job.read("mesh", "mesh")
     body = Body.open(mesh)
-    strata = Strata(body.surface, body.distance, job.options, job.options.seed)
+    strata = Strata(body, job.options, job.options.seed)
     attributes = strata.attributes() | body.frame.attributes()
     job.write_pieces("samples", strata.columns(), strata.shards(job.progress), attributes)

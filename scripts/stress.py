@@ -11,7 +11,7 @@ with stage(snakemake, StressTask) as job:
     mesh = job.read("mesh", "mesh")
     fields = open_fields(job.options.fields, mesh, map(job.read_input, job.input.fields))
     suite = Suite(fields.body, Scale.of(job.options), job.options, job.options.seed)
-    tried = controls(fields.exact, fields.body.surface, suite.scale)
+    tried = controls(fields.exact, suite.scale)
     arrays, attributes = stress(
         fields, tried, suite, job.threads, job.progress, proxies=job.options.proxies
     )

@@ -16,7 +16,7 @@ with stage(snakemake, ValidateTask) as job:
     exports = [job.note_file(path) for path in job.input.exports]
     body = Body.open(mesh)
     scale = Scale.of(job.options)
-    walls = open_walls(ExactField("exact", body), body.surface, scale, job.options.seed)
+    walls = open_walls(ExactField("exact", body), scale, job.options.seed)
     oracle = Oracle(body.corners / scale.metre, body.faces)
     arrays, attributes, text = validate_exports(
         exports, walls, oracle, trajectory, evaluation, job.mesh, job.options, job.progress, job.log

@@ -7,7 +7,7 @@ from tempfile import TemporaryDirectory
 import common  # noqa: F401 - makes pandis importable
 import numpy as np
 
-from pandis.base.frame import Frame
+from pandis.base.frame import UNIT
 from pandis.pipeline.kinds.clearance import clearance
 from pandis.pipeline.kinds.compact.file import file_parts
 from pandis.pipeline.kinds.compact.packing import pack_body
@@ -24,7 +24,6 @@ from pandis.pipeline.run.job.stage import silent_progress
 from pandis.runtime.field import COMPACT, NativeField
 from pandis.runtime.field.files import pack
 
-UNIT = Frame((0.0, 0.0, 0.0), 1.0)
 #: Unit frame, inside and outside: of the splines and of the grids.
 BAND, WIDE = (0.08, 0.04), (0.2, 0.1)
 
@@ -62,7 +61,7 @@ def file_of(body, name):
         return _network_of(body, RECIPES[kind], int(size))
     if kind == "spline":
         budget = 1000 * int(size)
-        fit = SplineFit(engine, body.surface, BAND, 0, samples_for(budget=budget))
+        fit = SplineFit(body, BAND, 0, samples_for(budget=budget))
         made = fit.build(fit.choose_size(budget), budget, silent_progress)
         field = _opened("spline-auto", *made)
     else:

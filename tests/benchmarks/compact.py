@@ -16,7 +16,7 @@ import numpy as np
 from common import SCANS, load, write
 
 from pandis.base.forces import penalty_force
-from pandis.base.frame import Frame
+from pandis.base.frame import UNIT
 from pandis.base.physical import Scale
 from pandis.pipeline.geometry.body import Body
 from pandis.pipeline.geometry.measure import contact_errors, draw_contacts
@@ -37,7 +37,6 @@ COLUMNS = (
     *("exact_path_us", "exact_path_p999_us", "exact_box_us"),
 )
 BITS = 12, 14, 16
-UNIT = Frame((0.0, 0.0, 0.0), 1.0)
 TURNS, QUERIES = 5, 20_000
 
 
@@ -68,12 +67,10 @@ def main(count):
     rows, scale = [], Scale(0.1, 400.0)
     for mesh, source in SCANS.items():
         body = Body(*load(source), UNIT)
-        sets = probes(body.surface, body.distance, 50_000, seed=1)
-        contacts = draw_contacts(
-            body.surface, body.distance, scale, 50_000, np.random.default_rng(1)
-        )
+        sets = probes(body, 50_000, seed=1)
+        contacts = draw_contacts(body, scale, 50_000, np.random.default_rng(1))
         options = TrajectoryOptions()
-        path, _ = trace(body.surface, body.distance, options, 1, silent_progress)
+        path, _ = trace(body, options, 1, silent_progress)
         box = np.random.default_rng(2).uniform(-1, 1, (2000, 3))
         exact = NativeField(native_bytes(ExactField("exact", body), {}))
         for bits in BITS:

@@ -42,7 +42,7 @@ def prepare(name, folder):
     vertices, faces = load(SCANS[name])
     body = Body(vertices, faces, UNIT)
     held = {"vertices": vertices, "faces": faces}
-    for kind, columns in probes(body.surface, body.distance, COUNT, seed=1).items():
+    for kind, columns in probes(body, COUNT, seed=1).items():
         held |= dict(zip((kind, f"{kind}_d", f"{kind}_n"), columns, strict=True))
     np.savez(folder / f"{name}.npz", **held)
     (folder / f"{name}.pandis").write_bytes(file_of(body, "exact"))

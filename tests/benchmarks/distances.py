@@ -17,6 +17,8 @@ import igl
 import numpy as np
 from common import SCANS, load, write
 
+from pandis.base.frame import UNIT
+from pandis.pipeline.geometry.body import Body
 from pandis.pipeline.geometry.distance import MeshDistance
 from pandis.pipeline.geometry.sampling import Surface
 from pandis.pipeline.geometry.strata import Strata
@@ -123,11 +125,10 @@ def grids(vertices, faces, rows):
 
 def sample_memory(vertices, faces):
     """Write ten million samples of the Bunny."""
-    engine = MeshDistance(vertices, faces)
     counts = {"surface": 2, "offsets": 2, "shallow": 1, "penetration": 2, "bent": 1, "core": 0}
     counts = {k: n * 1_000_000 for k, n in counts.items()} | {"box": 2_000_000}
     options = SampleOptions(**counts)
-    strata = Strata(Surface(engine.vertices, engine.faces), engine, options, 0)
+    strata = Strata(Body(vertices, faces, UNIT), options, 0)
     path = Path(tempfile.mkdtemp()) / "samples.zarr.zip"
     with ArtifactWriter(path, "samples") as writer:
         for name, column in strata.columns().items():

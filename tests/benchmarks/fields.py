@@ -14,9 +14,10 @@ import numpy as np
 from common import SCANS, load, write
 
 from pandis.base.forces import penalty_force
-from pandis.base.frame import Frame
+from pandis.base.frame import UNIT
+from pandis.pipeline.geometry.body import Body
 from pandis.pipeline.geometry.distance import MeshDistance
-from pandis.pipeline.geometry.sampling import Surface, probes
+from pandis.pipeline.geometry.sampling import probes
 from pandis.pipeline.kinds.grid.dense import DenseGrid
 from pandis.pipeline.kinds.grid.spec import CONTENTS
 from pandis.pipeline.kinds.opening import open_field
@@ -52,9 +53,7 @@ def dense(vertices, faces, kind, size, path):
 
 def spline(vertices, faces, budget, path):
     """Fit a spline as the workflow does; return its arrays and attributes."""
-    engine = MeshDistance(vertices, faces)
-    surface = Surface(engine.vertices, engine.faces)
-    fit = SplineFit(engine, surface, BAND, 0, samples_for(budget=budget))
+    fit = SplineFit(Body(vertices, faces, UNIT), BAND, 0, samples_for(budget=budget))
     arrays, attributes = fit.build(fit.choose_size(budget), budget, silent_progress)
     write_artifact(path, "grid", arrays, attributes, {})
     return arrays, attributes
@@ -65,8 +64,7 @@ def main(names):
     rows, folder = [], Path(tempfile.mkdtemp())
     for name in names or SCANS:
         vertices, faces = load(SCANS[name])
-        engine = MeshDistance(vertices, faces)
-        sets = probes(Surface(engine.vertices, engine.faces), engine, 50_000, seed=1)
+        sets = probes(Body(vertices, faces, UNIT), 50_000, seed=1)
         jobs = [(field, field.rpartition("-")[0]) for field in DENSE]
         jobs += [(f"spline, {budget // 1000} KB", "spline") for budget in SPLINES]
         for index, (field, kind) in enumerate(jobs):
@@ -79,7 +77,7 @@ def main(names):
                 arrays, attributes = dense(vertices, faces, kind, size, path)
             row = {"mesh": name, "field": field, "build_s": time.perf_counter() - start}
             row["disk_bytes"] = path.stat().st_size
-            attributes = attributes | Frame((0.0, 0.0, 0.0), 1.0).attributes()
+            attributes = attributes | UNIT.attributes()
             held = Artifact(None, "grid", arrays, attributes, {}, "")
             made = open_field(known_field(field if kind != "spline" else "spline-auto"), held)
             row |= {"bytes": made.bytes, "flagged": 0}

@@ -21,7 +21,7 @@ from fields import dense, spline
 from training import Scan, log
 
 from pandis.base.forces import penalty_force
-from pandis.base.frame import Frame
+from pandis.base.frame import UNIT
 from pandis.base.physical import Scale
 from pandis.pipeline.geometry.measure import contact_errors, draw_contacts
 from pandis.pipeline.geometry.trajectories import trace
@@ -42,7 +42,7 @@ GRIDS = (
     "tricubic-58",
     "spline-auto",
 )  # fmt: skip
-UNIT = Frame((0.0, 0.0, 0.0), 1.0).attributes()
+UNIT_AT = UNIT.attributes()
 #: What a row is of; the rest are its figures.
 KEYS = ("mesh", "field", "weighting", "points", "seed", "steps")
 FIGURES = ("shallow", "deep", "contact", "missing", "path")
@@ -54,12 +54,11 @@ class Measure:
     def __init__(self, path):
         self.scan = scan = Scan(path)
         self.engine = scan.strata.engine
-        own = scan.strata.surface, self.engine
         scale = Scale.of(DeviceOptions())
-        self.contacts = draw_contacts(*own, scale, POINTS, np.random.default_rng(4), even=True)
+        self.contacts = draw_contacts(scan.body, scale, POINTS, np.random.default_rng(4), even=True)
         self.paths = []
         for seed in SEEDS:
-            path, _ = trace(*own, TrajectoryOptions(), seed, silent_progress)
+            path, _ = trace(scan.body, TrajectoryOptions(), seed, silent_progress)
             self.paths.append(tuple(path[key] for key in ("points", "distance", "normal")))
 
     def figures(self, field):
@@ -87,7 +86,7 @@ def grid(name, engine):
         made = (
             spline(*mesh, 800_000, path) if size == "auto" else dense(*mesh, kind, int(size), path)
         )
-    held = Artifact(None, "grid", made[0], made[1] | UNIT, {}, "")
+    held = Artifact(None, "grid", made[0], made[1] | UNIT_AT, {}, "")
     return open_field(known_field(name), held)
 
 
@@ -99,7 +98,7 @@ def network(path):
     shape = {key: options[key] for key in ("width", "depth", "omega")}
     shape["omega"] = shape["omega"] or usual_omega(shape["width"])
     shape["outputs"] = 1 if options["direction"] == "gradient" else 4
-    artifact = Artifact(None, "model", arrays, {"architecture": shape} | UNIT, {}, "")
+    artifact = Artifact(None, "model", arrays, {"architecture": shape} | UNIT_AT, {}, "")
     return SirenField(options["recipe"], artifact), options
 
 

@@ -23,11 +23,9 @@ import numpy as np
 import torch
 from common import write
 
-from pandis.base.frame import Frame
+from pandis.base.frame import UNIT, Frame
 from pandis.engine.compiler import build, find_compiler, load
 from pandis.pipeline.geometry.body import Body
-from pandis.pipeline.geometry.distance import MeshDistance
-from pandis.pipeline.geometry.sampling import Surface
 from pandis.pipeline.geometry.trajectories import trace
 from pandis.pipeline.kinds.field import ExactField
 from pandis.pipeline.kinds.grid.dense import DenseGrid
@@ -49,7 +47,7 @@ from pandis.runtime.field import NativeField
 from pandis.runtime.field.binding import SOURCE, declared
 
 TURNS, QUERIES = 5, 2000
-UNIT = Frame((0.0, 0.0, 0.0), 1.0).attributes()
+UNIT_AT = UNIT.attributes()
 COLUMNS = ("field", "way", "median_us", "p999_us", "bytes", "of_native")
 
 
@@ -63,25 +61,22 @@ def bunny():
 
 def fields(vertices, faces):
     """Yield name, kind and field of all that is asked."""
-    engine = MeshDistance(vertices, faces)
-    surface = Surface(engine.vertices, engine.faces)
-    arrays = {"vertices": vertices, "faces": faces}
-    held = Artifact(None, "mesh", arrays, UNIT | {"shape": None}, {}, "")
-    yield "exact", "exact", ExactField("exact", Body.open(held))
+    body = Body(vertices, faces, UNIT)
+    yield "exact", "exact", ExactField("exact", body)
     for kind in ("nearest", "trilinear", "tricubic"):
-        made = DenseGrid(engine, CONTENTS[kind], 64, (0.045, 0.02), silent_progress)
+        made = DenseGrid(body.distance, CONTENTS[kind], 64, (0.045, 0.02), silent_progress)
         values = {"values": np.concatenate(list(made.slabs(64)))}
-        held = Artifact(None, "grid", values, made.attributes() | UNIT, {}, "")
+        held = Artifact(None, "grid", values, made.attributes() | UNIT_AT, {}, "")
         yield f"{kind}-64", kind, open_field(parse_field(f"{kind}-64", ()), held)
-    fitted = SplineFit(engine, surface, (0.045, 0.02), 0, samples_for(budget=800_000))
+    fitted = SplineFit(body, (0.045, 0.02), 0, samples_for(budget=800_000))
     arrays, attributes = fitted.build(fitted.choose_size(800_000), 800_000, silent_progress)
-    held = Artifact(None, "grid", arrays, attributes | UNIT, {}, "")
+    held = Artifact(None, "grid", arrays, attributes | UNIT_AT, {}, "")
     yield "spline-auto", "spline", open_field(parse_field("spline-auto", ()), held)
     for outputs in (4, 1):
         network = Siren(256, 4, 30.0, outputs, torch.Generator().manual_seed(0))
         shape = {"width": 256, "depth": 4, "omega": 30.0, "outputs": outputs}
         weights = named_arrays(list(network.parameters()))
-        held = Artifact(None, "model", weights, UNIT | {"architecture": shape}, {}, "")
+        held = Artifact(None, "model", weights, UNIT_AT | {"architecture": shape}, {}, "")
         name = "network 4×256" if outputs == 4 else "network 4×256, gradient"
         yield name, (held, network), SirenField(name, held)
 
@@ -151,9 +146,7 @@ def ways(vertices, faces):
     path = {}
     for name, kind, field in fields(vertices, faces):
         if name == "exact":
-            engine = field.engine
-            surface = Surface(engine.vertices, engine.faces)
-            path, _ = trace(surface, engine, TrajectoryOptions(), 2, silent_progress)
+            path, _ = trace(field.body, TrajectoryOptions(), 2, silent_progress)
         points = path["points"]
         network = not isinstance(kind, str)
         for bits in (32, 16) if network else (32,):
@@ -170,7 +163,7 @@ def ways(vertices, faces):
             tree.init(*mesh)
             asked = lambda p, t=tree, m=mesh: t.squared_distance(*m, p)  # noqa: E731
             yield name, "igl.AABB", "", lambda a=asked, p=points: one_by_one(a, p)
-            scan = lambda p, e=engine: e.scan(p)  # noqa: E731
+            scan = lambda p, e=field.engine: e.scan(p)  # noqa: E731
             yield name, "all faces, in C", "", lambda a=scan, p=points[::20]: one_by_one(a, p)
         if network:
             held, module = kind

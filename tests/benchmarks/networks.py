@@ -62,7 +62,7 @@ def open_body(folder, shape):
 
 def train(body, recipe, checkpoint):
     """Train a network of a body; return it, and the trainer, which knows how long that took."""
-    strata = Strata(body.surface, body.distance, SampleOptions(), 0)
+    strata = Strata(body, SampleOptions(), 0)
     arrays = strata.arrays(silent_progress)
     samples = Artifact(None, "samples", arrays, strata.attributes(), {}, "")
     task = TrainTask(kind="network", name=RECIPE, recipe=recipe, seed=SEED)
@@ -82,7 +82,7 @@ def export(field, body):
 def missing_share(body, size, data):
     """Return the share of the force on a body that a file leaves out, as `presses.py` asks it."""
     exact, native = ExactField("exact", body), NativeField(data)
-    walls = open_walls(exact, body.surface, Scale(size, 400.0), 0)
+    walls = open_walls(exact, Scale(size, 400.0), 0)
     return compare(ExportedField("network", native), walls).missing
 
 

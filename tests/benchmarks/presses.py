@@ -104,7 +104,7 @@ def main(wanted, networks=None):
     for shape, (vertices, faces, which, above) in shapes().items():
         body, oracle = Body(vertices, faces, UNIT), Oracle(vertices * metres, faces)
         exact = ExactField("exact", body)
-        walls = open_walls(exact, body.surface, Scale(SIZE, 400.0), 0)
+        walls = open_walls(exact, Scale(SIZE, 400.0), 0)
         trained = Path(networks or ".") / f"{shape}.pandis"
         for kind in (*KINDS, NETWORK) if trained.exists() else KINDS:
             rng = np.random.default_rng(0)

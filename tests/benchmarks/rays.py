@@ -16,10 +16,9 @@ import numpy as np
 import trimesh
 
 from pandis.base.forces import penalty_force
-from pandis.base.frame import Frame
+from pandis.base.frame import UNIT
 from pandis.base.physical import Scale
-from pandis.pipeline.geometry.distance import MeshDistance
-from pandis.pipeline.geometry.sampling import Surface
+from pandis.pipeline.geometry.body import Body
 from pandis.pipeline.geometry.shapes import SHAPES
 from pandis.pipeline.geometry.thickness import inscribed_radius
 from pandis.pipeline.kinds.spline.lattices import SplineFit, samples_for
@@ -32,11 +31,11 @@ RAYS, STEP, DEEPEST, BYTES = 4000, 0.028e-3, 8.25e-3, 800_000
 SCALE = Scale(0.1, 400.0)
 
 
-def steps(answer, engine, surface, rays=RAYS):
+def steps(answer, body, rays=RAYS):
     """Return the change of force (N) over every step, and how deep it is by the radius there."""
     rng = np.random.default_rng(3)
-    feet, outward, _, _ = surface.draw(rays, rng)
-    radius = inscribed_radius(engine, feet, outward)
+    feet, outward, _, _ = body.surface.draw(rays, rng)
+    radius = inscribed_radius(body.distance, feet, outward)
     ends, step = np.minimum(DEEPEST * SCALE.metre, 0.9 * radius), STEP * SCALE.metre
     counts = np.ceil(ends / step).astype(int) + 1
     ray = np.repeat(np.arange(rays), counts)
@@ -48,11 +47,11 @@ def steps(answer, engine, surface, rays=RAYS):
     return change[same], (depth[1:] / radius[ray[1:]])[same]
 
 
-def fitted(engine, surface, budget=BYTES):
+def fitted(body, budget=BYTES):
     """Return the spline of a budget of bytes."""
-    fit = SplineFit(engine, surface, (0.045, 0.02), 7, samples_for(budget=budget))
+    fit = SplineFit(body, (0.045, 0.02), 7, samples_for(budget=budget))
     arrays, attributes = fit.build(fit.choose_size(budget), budget, silent_progress)
-    attributes |= Frame((0.0, 0.0, 0.0), 1.0).attributes()
+    attributes |= UNIT.attributes()
     return SplineField("spline-auto", Artifact(None, "grid", arrays, attributes, {}, ""))
 
 
@@ -66,11 +65,8 @@ def main():
         found = trimesh.load(path, process=False)
         meshes["fandisk"] = found.vertices, found.faces
     for name, (corners, faces) in meshes.items():
-        vertices = np.asarray(corners, float)
-        frame = Frame.of_bounds(vertices.min(axis=0), vertices.max(axis=0))
-        engine = MeshDistance(frame.to_unit(vertices), np.asarray(faces))
-        surface = Surface(engine.vertices, engine.faces)
-        change, depth = steps(fitted(engine, surface).answer, engine, surface)
+        body = Body(np.asarray(corners, float), np.asarray(faces))
+        change, depth = steps(fitted(body).answer, body)
         within = change[depth < 0.8]
         print(
             f"{name}: {100 * (change > 0.017).mean():.3f} % above 0.017 N, "

@@ -12,7 +12,7 @@ millionth, over one that is not, point by point, in the median.
 import numpy as np
 from common import SCANS, load
 
-from pandis.base.frame import Frame
+from pandis.base.frame import UNIT
 from pandis.pipeline.geometry.body import Body
 from pandis.pipeline.geometry.trajectories import trace
 from pandis.pipeline.kinds.compact.file import file_parts
@@ -24,7 +24,6 @@ from pandis.pipeline.run.job.stage import silent_progress
 from pandis.runtime.field import COMPACT, NativeField
 from pandis.runtime.field.files import pack
 
-UNIT = Frame((0.0, 0.0, 0.0), 1.0)
 TURNS, QUERIES, REACH = 5, 8000, 0.05
 REPEATS, PLACES = 60, 400
 
@@ -32,7 +31,7 @@ REPEATS, PLACES = 60, 400
 def path_of(body, step):
     """Return the points of a path with such steps."""
     options = TrajectoryOptions(samples=4000, step=step)
-    return trace(body.surface, body.distance, options, 1, silent_progress)[0]["points"]
+    return trace(body, options, 1, silent_progress)[0]["points"]
 
 
 def with_the_distance(field, points):

@@ -14,7 +14,7 @@ import sys
 import numpy as np
 from common import SCANS, load, write
 
-from pandis.base.frame import Frame
+from pandis.base.frame import UNIT
 from pandis.pipeline.geometry.body import Body
 from pandis.pipeline.kinds.field import ExactField
 from pandis.pipeline.kinds.native import native_bytes
@@ -25,7 +25,6 @@ COLUMNS = (
     *("mesh", "faces", "frames", "refit_ms", "refit_worst_ms", "compared", "unequal"),
     *("query_us", "query_p999_us", "fresh_us", "fresh_p999_us"),
 )
-UNIT = Frame((0.0, 0.0, 0.0), 1.0)
 EVERY, POINTS, TURNS, QUERIES = 10, 1000, 5, 10_000
 
 

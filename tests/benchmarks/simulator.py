@@ -249,12 +249,11 @@ def force_of(model, part):
 
 def errors(model, part):
     """Return the columns of a field's force errors."""
-    surface, engine = part.body.surface, part.body.distance
-    points, distance, normal = probes(surface, engine, 20_000, seed=1)["shallow"]
+    points, distance, normal = probes(part.body, 20_000, seed=1)["shallow"]
     force = force_of(model, part)
     wanted = np.maximum(-distance, 0)[:, None] * normal
     rng, scale = np.random.default_rng(1), Scale(0.1, 400.0)
-    contacts = contact_errors(force, draw_contacts(surface, engine, scale, 20_000, rng))
+    contacts = contact_errors(force, draw_contacts(part.body, scale, 20_000, rng))
     return {"shallow": 1e3 * float(np.linalg.norm(force(points) - wanted, axis=1).mean()),
             "contact_mn": 1e3 * next(iter(contacts.values()))["newtons"]}  # fmt: skip
 

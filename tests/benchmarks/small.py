@@ -57,8 +57,8 @@ def main():
         vertices, faces = load(source)
         frame = Frame.of_bounds(vertices.min(axis=0), vertices.max(axis=0))
         body = Body(vertices, faces, frame)
-        points = Points(body.surface, body.distance, Scale(0.1, 400.0), 1)
-        sets = probes(body.surface, body.distance, 50_000, seed=1)
+        points = Points(body, Scale(0.1, 400.0), 1)
+        sets = probes(body, 50_000, seed=1)
         for budget in BUDGETS:
             for kind, make in (("compact-auto", packed), ("spline-auto", splined)):
                 start = time.perf_counter()

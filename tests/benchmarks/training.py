@@ -37,9 +37,9 @@ from runs import expand
 
 from pandis.base.errors import PandisError
 from pandis.base.forces import penalty_force
-from pandis.base.frame import Frame
-from pandis.pipeline.geometry.distance import MeshDistance
-from pandis.pipeline.geometry.sampling import Surface, probes
+from pandis.base.frame import UNIT
+from pandis.pipeline.geometry.body import Body
+from pandis.pipeline.geometry.sampling import probes
 from pandis.pipeline.geometry.strata import Strata
 from pandis.pipeline.geometry.trajectories import trace
 from pandis.pipeline.kinds.network.reference import SirenField
@@ -59,21 +59,20 @@ class Scan:
 
     def __init__(self, path):
         mesh = np.load(path)
-        engine = MeshDistance(mesh["vertices"], mesh["faces"])
-        surface = Surface(engine.vertices, engine.faces)
+        self.body = body = Body(mesh["vertices"], mesh["faces"], UNIT)
         law = SampleOptions()
-        self.strata = SharedStrata(surface, engine, law, 0)
+        self.strata = SharedStrata(body, law, 0)
         only = dict.fromkeys(("offsets", "shallow", "penetration", "bent", "core"), 0)
         only |= {"surface": 50_000, "box": 50_000}
-        self.paper_strata = SharedStrata(surface, engine, law.model_copy(update=only), 0)
+        self.paper_strata = SharedStrata(body, law.model_copy(update=only), 0)
         arrays = self.strata.arrays(silent_progress)
         self.samples = Artifact(None, "samples", arrays, self.strata.attributes(), {}, "")
-        self.sets = probes(surface, engine, 50_000, seed=1)
+        self.sets = probes(body, 50_000, seed=1)
         box = np.random.default_rng(3).uniform(-1, 1, (50_000, 3))
-        distance, normal = engine.distance_and_normal(box)
+        distance, normal = body.distance.distance_and_normal(box)
         core = distance < -law.depth
         self.free, self.core = box[distance > 0], (box[core], distance[core], normal[core])
-        path, _ = trace(surface, engine, TrajectoryOptions(), 2, silent_progress)
+        path, _ = trace(body, TrajectoryOptions(), 2, silent_progress)
         self.sets["trajectory"] = tuple(path[key] for key in ("points", "distance", "normal"))
 
     def errors(self, field):
@@ -95,8 +94,8 @@ class SharedStrata(Strata):
 
     KEPT = 64
 
-    def __init__(self, surface, engine, options, seed):
-        super().__init__(surface, engine, options, seed)
+    def __init__(self, body, options, seed):
+        super().__init__(body, options, seed)
         self._lock, self._blocks = threading.Lock(), OrderedDict()
 
     def fresh(self, block, size):
@@ -156,7 +155,7 @@ class Training:
             return None
         np.savez(self.weights, **arrays, options=repr(self.options | self.changes))
         trainer.finish()
-        attributes |= Frame((0.0, 0.0, 0.0), 1.0).attributes()
+        attributes |= UNIT.attributes()
         field = SirenField(self.recipe, Artifact(None, "model", arrays, attributes, {}, ""))
         shown = self.options["batch"] * (2 if trainer.paper else 1) * trainer.step
         return {

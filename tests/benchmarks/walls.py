@@ -188,7 +188,7 @@ def choose(combination, mesh, body, folder):
         train={"pandis-exact": {"steps": STEPS}},
     )
     task = STAGES["choose"].options(PlannedJob("choose", str(combination), entry, {}))
-    points = Points(body.surface, body.distance, Scale.of(task), task.seed)
+    points = Points(body, Scale.of(task), task.seed)
     where = Path(folder) / "choice.pt", silent_progress, lambda text: None
     arrays, attributes, finish = Chooser(body, points, task, times, *where).choose()
     finish()

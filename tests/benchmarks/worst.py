@@ -15,7 +15,7 @@ import sys
 import numpy as np
 from common import SCANS, load, write
 
-from pandis.base.frame import Frame
+from pandis.base.frame import UNIT
 from pandis.base.physical import Scale
 from pandis.pipeline.geometry.body import Body
 from pandis.pipeline.geometry.measure import draw_contacts
@@ -30,7 +30,6 @@ COLUMNS = (
     *("mesh", "field", "faces", "slowest_us", "box_us"),
     *("cut_contact", "contact", "cut_box", "box", "off_contact", "off_box"),
 )
-UNIT = Frame((0.0, 0.0, 0.0), 1.0)
 TRIES, CONTACTS, BOX = 3, 50_000, 200_000
 
 
@@ -89,7 +88,7 @@ def hard_points(rng):
 
 def contact_points(body, rng):
     """Return the points of a contact set, shallow and deep."""
-    contacts = draw_contacts(body.surface, body.distance, Scale(0.1, 400.0), CONTACTS, rng)
+    contacts = draw_contacts(body, Scale(0.1, 400.0), CONTACTS, rng)
     return np.concatenate([part.points for part in contacts.sets.values()])
 
 

@@ -1,26 +1,23 @@
 """Thin shapes that a mean error is fooled by, generated: plates, fins, blades, sheets, rods."""
 
 from functools import cache
-from typing import NamedTuple
 
 import numpy as np
 import trimesh
 
 from pandis.base.frame import Frame
-from pandis.pipeline.geometry.distance import MeshDistance
-from pandis.pipeline.geometry.sampling import Surface
+from pandis.pipeline.geometry.body import Body
 from pandis.pipeline.mesh import tools
-from pandis.pipeline.run.job.artifact import Artifact
 from support import artifact
 
 
-class Shape(NamedTuple):
+class Shape:
     """A mesh with everything that is measured on it."""
 
-    mesh: Artifact
-    engine: MeshDistance
-    surface: Surface
-    frame: Frame
+    def __init__(self, mesh):
+        self.mesh, self.body = mesh, Body.open(mesh)
+        self.engine, self.surface = self.body.distance, self.body.surface
+        self.frame = self.body.frame
 
 
 def box(sides, cuts):
@@ -146,6 +143,4 @@ def opened(mesh):
     assert mesh.volume > 0
     frame = Frame.of_bounds(vertices.min(axis=0), vertices.max(axis=0))
     arrays = {"vertices": vertices, "faces": faces}
-    held = artifact("mesh", arrays, {"shape": None, **frame.attributes()})
-    engine = MeshDistance(frame.to_unit(vertices), faces)
-    return Shape(held, engine, Surface(engine.vertices, engine.faces), frame)
+    return Shape(artifact("mesh", arrays, {"shape": None, **frame.attributes()}))

@@ -156,9 +156,9 @@ def write_obj(path, vertices, faces):
     return Path(path)
 
 
-def sample(surface, engine, options, seed, progress):
+def sample(body, options, seed, progress):
     """Return the arrays and attributes of a samples artifact."""
-    strata = Strata(surface, engine, options, seed)
+    strata = Strata(body, options, seed)
     return strata.arrays(progress), strata.attributes()
 
 

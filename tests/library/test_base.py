@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from pandis.base.forces import penalty_force
-from pandis.base.frame import Frame
+from pandis.base.frame import UNIT
 from pandis.pipeline.kinds.network.base import fit_base
 from pandis.pipeline.kinds.network.reference import SirenField
 from pandis.pipeline.kinds.network.spec import TrainTask
@@ -50,7 +50,7 @@ def field(samples, tmp_path, **options):  # noqa: F811
     own = TrainTask(kind="network", name="r", recipe=ExactRecipe(**small | options), seed=7)
     trainer = Trainer(own, *samples, tmp_path / "c.pt", log=lambda text: None)
     arrays, attributes = trainer.run(silent_progress)
-    attributes |= Frame((0.0, 0.0, 0.0), 1.0).attributes()
+    attributes |= UNIT.attributes()
     return SirenField("r", artifact("model", arrays, attributes))
 
 

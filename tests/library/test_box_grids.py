@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 
 from pandis.base.forces import penalty_force
-from pandis.base.frame import Frame
+from pandis.base.frame import UNIT, Frame
+from pandis.pipeline.geometry.body import Body
 from pandis.pipeline.geometry.distance import MeshDistance, ShapeDistance
-from pandis.pipeline.geometry.sampling import Surface, probes
+from pandis.pipeline.geometry.sampling import probes
 from pandis.pipeline.geometry.shapes import SHAPES
 from pandis.pipeline.kinds.field import BOUND, OK
 from pandis.pipeline.kinds.grid.dense import DenseGrid
@@ -183,7 +184,7 @@ def test_the_same_bytes_err_less_on_the_box_than_on_the_cube():
     """Why the paper's comparison depends on it: the cells are smaller."""
     vertices, faces = mesh("torus")
     engine = MeshDistance(vertices, faces)
-    points, distance, normal = probes(Surface(vertices, faces), engine, 5000, seed=1)["deep"]
+    points, distance, normal = probes(Body(vertices, faces, UNIT), 5000, seed=1)["deep"]
     exact = penalty_force(distance, normal)
     cube = DenseGrid(engine, "force", 48, BAND, silent_progress)
     values = np.concatenate(list(cube.slabs(48)))

@@ -7,11 +7,8 @@ from pandis.base.errors import PandisError
 from pandis.base.forces import penalty_force
 from pandis.base.frame import Frame
 from pandis.base.physical import Scale
-from pandis.pipeline.geometry.body import Body
-from pandis.pipeline.geometry.distance import MeshDistance, ShapeDistance
 from pandis.pipeline.geometry.measure import draw_contacts, promise
 from pandis.pipeline.geometry.points import _CHOOSING, _PROMISING, Points
-from pandis.pipeline.geometry.sampling import Surface
 from pandis.pipeline.geometry.shapes import SHAPES
 from pandis.pipeline.judge import choice
 from pandis.pipeline.judge.choice import Chooser
@@ -49,11 +46,7 @@ def shape(name, mesh_only=False, **size):
     frame = Frame.of_bounds(vertices.min(axis=0), vertices.max(axis=0))
     attributes = {"shape": None if mesh_only else name, **frame.attributes()}
     mesh = artifact("mesh", {"vertices": vertices, "faces": faces}, attributes)
-    if mesh_only:
-        engine = MeshDistance(frame.to_unit(vertices), faces)
-        return Shape(mesh, engine, Surface(engine.vertices, engine.faces), frame)
-    engine = ShapeDistance(SHAPES[name], frame)
-    return Shape(mesh, engine, Surface(frame.to_unit(vertices), faces, engine), frame)
+    return Shape(mesh)
 
 
 TORUS = shape("torus", mesh_only=True)
@@ -71,9 +64,9 @@ def chooser(found, tmp_path, table=TABLE, log=lambda text: None, points=None, **
         stress=StressOptions(ticks=2000, loops=5),
         weight_bits=32,
     )
-    points = points or Points(found.surface, found.engine, SCALE, 3)
+    points = points or Points(found.body, SCALE, 3)
     where = tmp_path / "c.pt", silent_progress, log
-    return Chooser(Body.open(found.mesh), points, options, QueryTimes(table), *where)
+    return Chooser(found.body, points, options, QueryTimes(table), *where)
 
 
 def choose(found, tmp_path, table=TABLE, **budget):
@@ -88,7 +81,7 @@ def figures_of(held, found, seed=99):
     (field,) = open_fields(["auto"], found.mesh, [held])
     assert field.name == "auto"
     rng = np.random.default_rng([seed, 1])
-    contacts = draw_contacts(found.surface, found.engine, SCALE, 20_000, rng)
+    contacts = draw_contacts(found.body, SCALE, 20_000, rng)
     return promise(lambda points: penalty_force(*field.answer(points)), contacts)[0]
 
 

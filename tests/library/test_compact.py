@@ -5,7 +5,7 @@ import pytest
 from scipy.spatial import ConvexHull
 
 from pandis.base.errors import PandisError
-from pandis.base.frame import Frame
+from pandis.base.frame import UNIT, Frame
 from pandis.engine.bvh import Bvh
 from pandis.engine.packing import (
     BY_FACE,
@@ -44,7 +44,6 @@ from pandis.runtime.field.files import pack
 from shapes import cone, open_shape, plate
 from support import artifact, box_mesh
 
-UNIT = Frame((0.0, 0.0, 0.0), 1.0)
 BEYOND = 4
 
 

@@ -34,7 +34,7 @@ def compared(fields, **options):
     path = TrajectoryOptions(samples=300)
     names = [field.name for field in fields]
     task = EvaluateTask(probes=2000, **options, trajectory=path, fields=names, seed=3)
-    drawn, _ = trace(BODY.surface, BODY.distance, path, 3, silent_progress)
+    drawn, _ = trace(BODY, path, 3, silent_progress)
     return compare(Fields(fields, BODY, EXACT), drawn, task, silent_progress)
 
 

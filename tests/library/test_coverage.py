@@ -5,14 +5,13 @@ import pytest
 from scipy.spatial import cKDTree
 
 from pandis.base.frame import Frame
+from pandis.pipeline.geometry.body import Body
 from pandis.pipeline.geometry.distance import MeshDistance, ShapeDistance
 from pandis.pipeline.geometry.sampling import Surface
 from pandis.pipeline.geometry.shapes import SHAPES
 from pandis.pipeline.geometry.thickness import inscribed_radius
 from pandis.pipeline.judge.errors.coverage import coverage, curvature
 from support import box_mesh
-
-UNIT = Frame((0.0, 0.0, 0.0), 1.0)
 
 
 def test_the_largest_ball_inside_a_plate_is_half_as_thick():
@@ -39,12 +38,10 @@ def test_curvature_of_a_sphere_is_its_inverse_radius():
 
 def test_a_path_that_stays_in_one_place_covers_less_than_one_that_roams():
     vertices, faces = SHAPES["torus"].tessellation(200, 100)
-    frame = Frame.of_bounds(vertices.min(axis=0), vertices.max(axis=0))
-    engine = MeshDistance(frame.to_unit(vertices), faces)
-    surface = Surface(engine.vertices, engine.faces)
-    everywhere = surface.draw(2000, np.random.default_rng(1))[0][None]
+    body = Body(vertices, faces)
+    everywhere = body.surface.draw(2000, np.random.default_rng(1))[0][None]
     still = np.repeat(everywhere[:, :1], 2000, axis=1)
-    assert coverage(surface, engine, still, 0)["curvature"] == 1
-    roaming = coverage(surface, engine, everywhere, 0)
+    assert coverage(body, still, 0)["curvature"] == 1
+    roaming = coverage(body, everywhere, 0)
     assert (roaming["curvature"], roaming["thickness"]) == (10, 10)
     assert sum(roaming["share_thickness"]) == pytest.approx(1)

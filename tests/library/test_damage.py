@@ -40,7 +40,7 @@ def edges_alone(name):
 
 @pytest.mark.full
 def test_hardware_fails_every_damage(body, damaged):
-    walls = open_walls(ExactField("exact", body), body.surface, SCALE, 0)
+    walls = open_walls(ExactField("exact", body), SCALE, 0)
     exact = ExactField("exact", body)
     sound = compare(ExportedField("exact", File(exact, 32, 1 << 20).data({})), walls)
     assert sound.holds

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from pandis.base.errors import PandisError
-from pandis.base.frame import Frame
+from pandis.base.frame import UNIT, Frame
 from pandis.engine import compiler
 from pandis.engine.bvh import INVALID, LEAF_BYTES, NODE_BYTES, ON_SURFACE, TIED, Bvh
 from pandis.pipeline.geometry.distance import (
@@ -22,7 +22,6 @@ from pandis.pipeline.geometry.shapes import SHAPES
 from pandis.pipeline.mesh.intake import read_mesh
 from support import box_mesh, octahedron
 
-UNIT = Frame((0.0, 0.0, 0.0), 1.0)
 REAL = (
     "watertight/fandisk_6475v_12946f.obj",
     "watertight/rockerarm_10044v_20088f.obj",

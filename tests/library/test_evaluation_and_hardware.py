@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from pandis.base.errors import PandisError
-from pandis.base.frame import Frame
+from pandis.base.frame import UNIT, Frame
 from pandis.base.physical import Scale
 from pandis.pipeline.geometry.measure import SETS, ContactSet
 from pandis.pipeline.geometry.shares import Probes
@@ -126,7 +126,7 @@ def test_timing_counts_every_query():
 @pytest.fixture(scope="module")
 def sphere():
     """A sphere of radius 1 as `pandis.h` answers it."""
-    return NativeField(pack(SHAPE, Frame((0.0, 0.0, 0.0), 1.0), [0], [1.0], {}, {}))
+    return NativeField(pack(SHAPE, UNIT, [0], [1.0], {}, {}))
 
 
 PATH = np.linspace([0.0, 0.0, 0.95], [0.3, 0.4, 0.8], 5)

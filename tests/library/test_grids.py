@@ -5,12 +5,12 @@ import pytest
 
 from pandis.base.errors import PandisError
 from pandis.base.forces import penalty_force
-from pandis.base.frame import Frame
+from pandis.base.frame import UNIT, Frame
 from pandis.base.physical import Scale
 from pandis.pipeline.export.vti import export_vti, read_note, read_vti
-from pandis.pipeline.geometry.distance import MeshDistance, ShapeDistance
+from pandis.pipeline.geometry.body import Body
+from pandis.pipeline.geometry.distance import ShapeDistance
 from pandis.pipeline.geometry.points import Points
-from pandis.pipeline.geometry.sampling import Surface
 from pandis.pipeline.geometry.shapes import SHAPES
 from pandis.pipeline.kinds.band import Band, find_cells, needed_nodes
 from pandis.pipeline.kinds.field import BOUND, INVALID, OK, normalise
@@ -27,19 +27,12 @@ from support import box_mesh, open_as
 
 FRAME = Frame((100.0, -2.0, 0.5), 0.9)
 SCALE = Scale(0.1, 400.0)
-UNIT = Frame((0.0, 0.0, 0.0), 1.0)
 BAND = Band(0.045, 0.02)
 ALL = Band(4.0, 4.0)
 SPHERE = ShapeDistance(SHAPES["sphere"], Frame((0.0, 0.0, 0.0), 0.9))
 
 
-def mesh_engine(name):
-    vertices, faces = SHAPES[name].tessellation()
-    frame = Frame.of_bounds(vertices.min(0), vertices.max(0))
-    return MeshDistance(frame.to_unit(vertices), faces)
-
-
-TORUS = mesh_engine("torus")
+TORUS = Body(*SHAPES["torus"].tessellation())
 CONTENT = {
     "nearest": "force",
     "trilinear": "force",
@@ -56,28 +49,25 @@ def field(kind, engine, size, band=BAND):
     return open_as(kind, Artifact(None, "grid", {"values": values}, attributes, {}, ""))
 
 
-def in_band(engine, surface, count, seed=0, band=BAND):
+def in_band(body, count, seed=0, band=BAND):
     """Return points of the band with their exact answers."""
     rng = np.random.default_rng(seed)
-    points, normals, _, _ = surface.draw(count, rng)
+    points, normals, _, _ = body.surface.draw(count, rng)
     points = points + rng.uniform(-band.inside, band.outside, (count, 1)) * normals
-    distance, normal = engine.distance_and_normal(points)
+    distance, normal = body.distance.distance_and_normal(points)
     kept = (distance > -band.inside) & (distance < band.outside)
     return points[kept], distance[kept], normal[kept]
 
 
 @pytest.fixture(scope="module")
 def torus():
-    return TORUS, Surface(TORUS.vertices, TORUS.faces)
+    return TORUS
 
 
 @pytest.fixture(scope="module")
 def smooth():
     """A torus without facets."""
-    vertices, faces = SHAPES["torus"].tessellation()
-    frame = Frame.of_bounds(vertices.min(0), vertices.max(0))
-    engine = ShapeDistance(SHAPES["torus"], frame)
-    return engine, Surface(frame.to_unit(vertices), faces, engine)
+    return Body(*SHAPES["torus"].tessellation(), shape="torus")
 
 
 # --- the band ----------------------------------------------------------------------------
@@ -85,11 +75,11 @@ def smooth():
 
 @pytest.mark.parametrize("size", [9, 33, 70])
 def test_every_point_of_the_band_is_in_a_cell_and_all_else_has_a_side(torus, size):
-    engine, surface = torus
+    engine = torus.distance
     cells, signs = find_cells(engine, size, BAND, -1.0, 2 / (size - 1))
     assert (signs[tuple(cells.T)] == 0).all()
     assert (signs == 0).sum() == len(cells)
-    points, _, _ = in_band(engine, surface, 20_000)
+    points, _, _ = in_band(torus, 20_000)
     where = np.floor((points + 1) * (size - 1) / 2).astype(int)
     assert (signs[tuple(where.T)] == 0).all()
     points = np.random.default_rng(1).uniform(-1, 1, (20_000, 3))
@@ -113,7 +103,7 @@ def test_needed_nodes_are_those_of_the_cells(reach):
 
 @pytest.mark.parametrize("content", CHANNELS)
 def test_nodes_hold_the_exact_answer_or_the_side(torus, content):
-    engine, _ = torus
+    engine = torus.distance
     size = 40
     grid = DenseGrid(engine, content, size, BAND, silent_progress)
     values = np.concatenate(list(grid.slabs(11))).reshape(size**3, -1)
@@ -135,7 +125,7 @@ def test_nodes_hold_the_exact_answer_or_the_side(torus, content):
 
 
 def test_slabs_change_nothing(torus):
-    grid = DenseGrid(torus[0], "force", 25, BAND, silent_progress)
+    grid = DenseGrid(torus.distance, "force", 25, BAND, silent_progress)
     whole = np.concatenate(list(grid.slabs(25)))
     for thickness in (1, 8):
         again = np.concatenate(list(grid.slabs(thickness)))
@@ -145,7 +135,7 @@ def test_slabs_change_nothing(torus):
 def test_chunks_outside_are_not_stored(torus, tmp_path):
     import zipfile
 
-    grid = DenseGrid(torus[0], "distance", 64, BAND, silent_progress)
+    grid = DenseGrid(torus.distance, "distance", 64, BAND, silent_progress)
     path = tmp_path / "grid.zarr.zip"
     with ArtifactWriter(path, "grid") as writer:
         writer.declare("values", **grid.column(8))
@@ -165,17 +155,19 @@ def test_chunks_outside_are_not_stored(torus, tmp_path):
 
 @pytest.mark.parametrize("kind", ["nearest", "trilinear", "trilinear-normal"])
 def test_in_the_band_the_answer_is_that_of_the_full_grid(torus, kind):
-    points, _, _ = in_band(*torus, 5000)
-    found = field(kind, torus[0], 32).query(points)
-    wanted = field(kind, torus[0], 32, ALL).query(points)
+    points, _, _ = in_band(torus, 5000)
+    found = field(kind, torus.distance, 32).query(points)
+    wanted = field(kind, torus.distance, 32, ALL).query(points)
     assert (found.flag == OK).all()
     assert np.array_equal(found.distance, wanted.distance)
     assert np.array_equal(found.normal, wanted.normal)
 
 
 def test_in_the_band_the_tricubic_is_that_of_the_full_grid_but_for_its_edge(torus):
-    points, distance, _ = in_band(*torus, 5000)
-    found, wanted = (field("tricubic", torus[0], 48, band).query(points) for band in (BAND, ALL))
+    points, distance, _ = in_band(torus, 5000)
+    found, wanted = (
+        field("tricubic", torus.distance, 48, band).query(points) for band in (BAND, ALL)
+    )
     assert (found.flag == OK).all()
     assert np.abs(found.distance - wanted.distance).max() < 5e-4
     middle = np.abs(distance) < 0.01
@@ -184,8 +176,8 @@ def test_in_the_band_the_tricubic_is_that_of_the_full_grid_but_for_its_edge(toru
 
 @pytest.mark.parametrize("kind", [*CONTENT, "spline"])
 def test_beyond_the_band_the_side_is_right_and_the_bound_holds(torus, kind):
-    engine, surface = torus
-    made = spline_field(engine, surface, 60_000) if kind == "spline" else field(kind, engine, 48)
+    engine = torus.distance
+    made = spline_field(torus, 60_000) if kind == "spline" else field(kind, engine, 48)
     points = np.random.default_rng(2).uniform(-1.3, 1.3, (20_000, 3))
     distance, normal = engine.distance_and_normal(points)
     found = made.query(points)
@@ -206,8 +198,8 @@ def test_beyond_the_band_the_side_is_right_and_the_bound_holds(torus, kind):
 
 @pytest.mark.parametrize("kind", [*CONTENT, "spline"])
 def test_bad_points_are_flagged_and_harm_no_other(torus, kind):
-    engine, surface = torus
-    made = spline_field(engine, surface, 60_000) if kind == "spline" else field(kind, engine, 24)
+    engine = torus.distance
+    made = spline_field(torus, 60_000) if kind == "spline" else field(kind, engine, 24)
     good = np.random.default_rng(0).uniform(-1, 1, (50, 3))
     bad = np.array([[np.nan, 0, 0], [0, np.inf, 0], [0, 0, -np.inf]])
     mixed = made.query(np.concatenate([bad, good]))
@@ -306,14 +298,14 @@ def test_orders_on_the_sphere():
 @pytest.mark.parametrize("kind", ["tricubic", "spline"])
 def test_force_is_smooth_across_cells(torus, kind):
     """No jump of the force, none of its derivative: both sides of walls between cells."""
-    engine, surface = torus
+    engine = torus.distance
     if kind == "spline":
-        made, size = spline_field(engine, surface, 60_000), 0
+        made, size = spline_field(torus, 60_000), 0
         step = made.levels[1].lattice.step
     else:
         made, size = field(kind, engine, 32), 32
         step = 2 / (size - 1)
-    points, _, _ = in_band(engine, surface, 400, band=Band(0.03, -0.01))
+    points, _, _ = in_band(torus, 400, band=Band(0.03, -0.01))
     small = 1e-5
     for axis in range(3):
         wall = np.round((points[:, axis] + 1) / step) * step - 1
@@ -338,10 +330,10 @@ def test_force_is_smooth_across_cells(torus, kind):
 _MADE = {}
 
 
-def made_spline(engine, surface, budget):
-    key = surface, budget
+def made_spline(body, budget):
+    key = body, budget
     if key not in _MADE:
-        fit = splines.SplineFit(engine, surface, BAND, seed=0, count=60_000)
+        fit = splines.SplineFit(body, BAND, seed=0, count=60_000)
         _MADE[key] = fit.build(fit.choose_size(budget), budget, silent_progress)
     return _MADE[key]
 
@@ -351,20 +343,20 @@ def open_spline(arrays, attributes):
     return open_as("spline", Artifact(None, "grid", arrays, attributes, {}, ""))
 
 
-def spline_field(engine, surface, budget):
-    return open_spline(*made_spline(engine, surface, budget))
+def spline_field(body, budget):
+    return open_spline(*made_spline(body, budget))
 
 
-def error_of(made, engine, surface):
-    points, distance, normal = in_band(engine, surface, 10_000, seed=5, band=Band(0.04, 0.0))
+def error_of(made, body):
+    points, distance, normal = in_band(body, 10_000, seed=5, band=Band(0.04, 0.0))
     force = penalty_force(*made.answer(points))
     return np.linalg.norm(force - penalty_force(distance, normal), axis=1).mean()
 
 
 def test_a_spline_has_no_step_however_deep_a_probe_is_pressed(smooth):
     """To where a device of 3.3 N holds against it: 8.25 mm of 10 cm, in steps of 0.028 mm."""
-    engine, surface = smooth
-    field = spline_field(engine, surface, 120_000)
+    surface = smooth.surface
+    field = spline_field(smooth, 120_000)
     feet, outward, _, _ = surface.draw(60, np.random.default_rng(2))
     step = 0.028e-3 * SCALE.metre
     depth = np.arange(0, 8.25e-3 * SCALE.metre, step)
@@ -380,10 +372,9 @@ def test_a_spline_has_no_step_however_deep_a_probe_is_pressed(smooth):
 
 def test_next_to_a_crease_an_answer_is_carried_down_from_above():
     """On a box: a spline rounds the turn between two walls, and some of that is undone."""
-    engine = mesh_engine("box")
-    surface = Surface(engine.vertices, engine.faces)
-    made = spline_field(engine, surface, 120_000)
-    points, distance, normal = in_band(engine, surface, 20_000, band=Band(0.4, 0.0))
+    box = Body(*SHAPES["box"].tessellation())
+    made = spline_field(box, 120_000)
+    points, distance, normal = in_band(box, 20_000, band=Band(0.4, 0.0))
     value, gradient = np.zeros(len(points)), np.zeros((len(points), 3))
     for level in made.levels:
         level.add(points, value, gradient)
@@ -407,30 +398,30 @@ def test_next_to_a_crease_an_answer_is_carried_down_from_above():
 def test_splines_fit_their_bytes_and_get_better_with_them(smooth):
     errors = []
     for budget in (60_000, 120_000, 240_000):
-        made = spline_field(*smooth, budget)
+        made = spline_field(smooth, budget)
         assert 0.8 * budget < made.bytes <= budget
-        errors.append(error_of(made, *smooth))
+        errors.append(error_of(made, smooth))
     assert errors[0] > 1.2 * errors[1] > 1.44 * errors[2]
 
 
 def test_a_spline_beats_the_dense_grid_of_its_bytes(smooth):
-    dense = field("tricubic", smooth[0], 24)  # 55 KB
-    assert error_of(spline_field(*smooth, 60_000), *smooth) < 0.7 * error_of(dense, *smooth)
+    dense = field("tricubic", smooth.distance, 24)  # 55 KB
+    assert error_of(spline_field(smooth, 60_000), smooth) < 0.7 * error_of(dense, smooth)
 
 
 def test_integers_cost_next_to_nothing(smooth, monkeypatch):
-    rounded = error_of(spline_field(*smooth, 120_000), *smooth)
+    rounded = error_of(spline_field(smooth, 120_000), smooth)
     monkeypatch.setattr(splines, "quantise", lambda values, kind: (values, [0.0, 1.0]))
-    fit = splines.SplineFit(*smooth, BAND, seed=0, count=60_000)
+    fit = splines.SplineFit(smooth, BAND, seed=0, count=60_000)
     plain = open_spline(*fit.build(fit.choose_size(120_000), 120_000, silent_progress))
     # a 16-bit step of the base, which reaches down to the middle of the shape, is 1e-5
-    assert rounded < 1.01 * error_of(plain, *smooth) + 1e-5
+    assert rounded < 1.01 * error_of(plain, smooth) + 1e-5
 
 
 def test_splines_do_not_depend_on_threads(smooth, monkeypatch):
-    wanted, _ = made_spline(*smooth, 60_000)
+    wanted, _ = made_spline(smooth, 60_000)
     monkeypatch.setenv("IGL_NUM_THREADS", "1")
-    fit = splines.SplineFit(*smooth, BAND, seed=0, count=60_000)
+    fit = splines.SplineFit(smooth, BAND, seed=0, count=60_000)
     again, _ = fit.build(fit.choose_size(60_000), 60_000, silent_progress)
     assert all(np.array_equal(wanted[name], again[name]) for name in wanted)
 
@@ -438,9 +429,7 @@ def test_splines_do_not_depend_on_threads(smooth, monkeypatch):
 def test_refinement_goes_where_the_error_is():
     """On a box: to the edges, where the direction turns; the flat sides need none."""
     vertices, faces = box_mesh()
-    engine = MeshDistance(vertices * 0.9, faces)
-    surface = Surface(engine.vertices, engine.faces)
-    fit = splines.SplineFit(engine, surface, BAND, seed=0, count=60_000)
+    fit = splines.SplineFit(Body(0.9 * vertices, faces, UNIT), BAND, seed=0, count=60_000)
     arrays, attributes = fit.build(96, 100_000, silent_progress)
     nodes = splines.kept_nodes(arrays["fine_masks"])[:, 0]
     places = -1 + 2 / (attributes["grid"]["size"] - 1) * nodes
@@ -465,8 +454,7 @@ def silent(text):
 )
 def test_sizing(torus, kind, target, monkeypatch):
     monkeypatch.setattr(GridMaker, "sizes", (16, 24, 32, 48))
-    engine, surface = torus
-    task, points = asked("grid", kind, **target), Points(surface, engine, SCALE, 1)
+    task, points = asked("grid", kind, **target), Points(torus, SCALE, 1)
     maker = GridMaker(kind, points, FRAME, BAND, silent_progress)
     arrays, attributes = search(maker, points, task, silent)
     sizing = attributes["sizing"]
@@ -488,11 +476,10 @@ def test_sizing(torus, kind, target, monkeypatch):
 
 @pytest.mark.slow
 def test_spline_sized_by_error_does_not_depend_on_what_was_tried(torus, monkeypatch):
-    engine, surface = torus
     # the first covers no band at all, and the largest asks for more samples than drawn at first
     monkeypatch.setattr(SplineMaker, "sizes", (8_000, 60_000, 120_000))
     task, lines = asked("spline", "spline", force_error=2e-3), []
-    points = Points(surface, engine, SCALE, 1)
+    points = Points(torus, SCALE, 1)
     maker = SplineMaker(points, FRAME, BAND, silent_progress, 120_000)
     arrays, attributes = search(maker, points, task, lines.append)
     assert attributes["sizing"]["held_out_error"] <= 2e-3
@@ -502,7 +489,7 @@ def test_spline_sized_by_error_does_not_depend_on_what_was_tried(torus, monkeypa
         for t in attributes["sizing"]["tried"]
         if t["force_error"] == attributes["sizing"]["held_out_error"]
     )
-    alone = splines.SplineFit(engine, surface, BAND, 1, splines.samples_for(budget=120_000))
+    alone = splines.SplineFit(torus, BAND, 1, splines.samples_for(budget=120_000))
     again, _ = alone.build(alone.choose_size(size), size, silent_progress)
     assert all(np.array_equal(arrays[key], again[key]) for key in arrays)
 
@@ -512,9 +499,9 @@ def test_spline_sized_by_error_does_not_depend_on_what_was_tried(torus, monkeypa
 
 @pytest.mark.parametrize("kind", [*CONTENT, "nearest-box", "trilinear-box", "spline"])
 def test_vti_says_what_the_field_says(torus, kind, tmp_path):
-    engine, surface = torus
+    engine = torus.distance
     if kind == "spline":
-        arrays, attributes = made_spline(engine, surface, 60_000)
+        arrays, attributes = made_spline(torus, 60_000)
     else:
         grid = DenseGrid(engine, CONTENTS[kind], 20, BAND, silent_progress)
         arrays, attributes = {"values": np.concatenate(list(grid.slabs(20)))}, grid.attributes()

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from pandis.base.errors import PandisError
-from pandis.base.frame import Frame
+from pandis.base.frame import UNIT
 from pandis.pipeline.judge.timing import libtorch, timing
 from pandis.pipeline.kinds.network.graph import export_network
 from pandis.pipeline.kinds.network.program import export_program
@@ -47,7 +47,7 @@ def test_a_wrong_answer_is_not_reported(monkeypatch, tmp_path):
     held, _ = model(16, 2)
     path = tmp_path / "net.onnx"
     path.write_bytes(export_network("net", held, {}, print))
-    mesh = Artifact(None, "mesh", {}, Frame((0.0, 0.0, 0.0), 1.0).attributes(), {}, "")
+    mesh = Artifact(None, "mesh", {}, UNIT.attributes(), {}, "")
     wrong = np.full(10, -0.1), np.tile([0.0, 0, 1], (10, 1)), np.ones(5)
     monkeypatch.setattr(libtorch, "ask", lambda *_: wrong)
     with pytest.raises(PandisError, match=r"set timing\.libtorch to false"):

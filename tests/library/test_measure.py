@@ -7,7 +7,6 @@ from pandis.base.errors import PandisError
 from pandis.base.forces import penalty_force
 from pandis.base.frame import Frame
 from pandis.base.physical import Scale
-from pandis.pipeline.geometry.body import Body
 from pandis.pipeline.geometry.distance import MeshDistance
 from pandis.pipeline.geometry.measure import (
     OF_RADIUS,
@@ -48,7 +47,7 @@ def shape(request):
 
 
 def test_points_lie_as_deep_as_the_exact_force_reaches(shape):
-    contacts = draw_contacts(shape.surface, shape.engine, SCALE, 4000, np.random.default_rng(1))
+    contacts = draw_contacts(shape.body, SCALE, 4000, np.random.default_rng(1))
     for probes, deepest in zip(contacts.sets.values(), (0.01, 0.04), strict=True):
         assert (probes.distance < 1e-9).all()
         assert probes.distance.min() >= -deepest - 1e-9
@@ -58,12 +57,12 @@ def test_points_lie_as_deep_as_the_exact_force_reaches(shape):
 
 
 def test_no_control_passes_anything_and_the_exact_field_lacks_nothing(shape):
-    contacts = draw_contacts(shape.surface, shape.engine, SCALE, 20_000, np.random.default_rng(2))
-    exact = ExactField("exact", Body.open(shape.mesh))
+    contacts = draw_contacts(shape.body, SCALE, 20_000, np.random.default_rng(2))
+    exact = ExactField("exact", shape.body)
     found = contact_errors(forces(exact), contacts)["contact-deep"]
     assert found["mean"] == found["missing"] == found["felt"] == 0
     assert found["judged"] > 0.5
-    for control in controls(exact, shape.surface, SCALE):
+    for control in controls(exact, SCALE):
         errors = contact_errors(forces(control), contacts)
         for row in errors.values():
             assert row["missing"] > MISSING_LIMIT
@@ -80,12 +79,12 @@ def test_no_control_passes_anything_and_the_exact_field_lacks_nothing(shape):
 def test_a_plate_without_force_is_not_called_right_by_a_mean():
     """What the old sets said of a plate of 0.56 mm: most probes came out on the other side."""
     plate = open_shape("plate-0.6")
-    zero, *_ = controls(ExactField("exact", Body.open(plate.mesh)), plate.surface, SCALE)
+    zero, *_ = controls(ExactField("exact", plate.body), SCALE)
     points, normals, _, _ = plate.surface.draw(20_000, np.random.default_rng(0))
     deep = points - np.random.default_rng(1).uniform(0, 0.04, 20_000)[:, None] * normals
     old = np.linalg.norm(penalty_force(*plate.engine.distance_and_normal(deep)), axis=1).mean()
     assert old < 1e-3  # the README's own budget, met by nothing at all
-    contacts = draw_contacts(plate.surface, plate.engine, SCALE, 5000, np.random.default_rng(2))
+    contacts = draw_contacts(plate.body, SCALE, 5000, np.random.default_rng(2))
     assert contact_errors(forces(zero), contacts)["contact-deep"]["relative"] == pytest.approx(1)
 
 
@@ -153,7 +152,7 @@ def test_what_lies_between_forces_nearby_is_not_strongly_felt():
 
 def test_a_patch_is_what_hangs_together():
     torus = open_shape("finned-ball")
-    drawn = draw_contacts(torus.surface, torus.engine, SCALE, 10_000, np.random.default_rng(4))
+    drawn = draw_contacts(torus.body, SCALE, 10_000, np.random.default_rng(4))
     probes = drawn.sets["contact-deep"]
     near = np.linalg.norm(probes.points - probes.points[0], axis=1)
     near += probes.normal @ probes.normal[0] < 0  # the other side of the fin is another place
@@ -167,10 +166,10 @@ def test_a_patch_is_what_hangs_together():
 def test_stratified_points_count_the_area_of_a_fin_they_press_on():
     """Two fins on a ball: a third of the surface, and half of the points."""
     ball = open_shape("finned-ball")
-    places = stratify(ball.surface, ball.engine, SCALE, 400, np.random.default_rng(4))
+    places = stratify(ball.body, SCALE, 400, np.random.default_rng(4))
     assert places.weight.sum() == pytest.approx(1)
     thin = places.radius < 0.02
-    contacts = draw_contacts(ball.surface, ball.engine, SCALE, 20_000, np.random.default_rng(5))
+    contacts = draw_contacts(ball.body, SCALE, 20_000, np.random.default_rng(5))
     uniform = -contacts.pressed.distance < OF_RADIUS * 0.02
     assert places.weight[thin].sum() == pytest.approx(uniform.mean(), abs=0.1)
     assert thin.mean() > 0.5
@@ -191,12 +190,9 @@ class Lucky(Field):
 
 def test_a_promise_is_kept_on_other_points():
     sheet = open_shape("bent-sheet")
-    field = Lucky(
-        ExactField("exact", Body.open(sheet.mesh)), np.quantile(sheet.engine.vertices[:, 2], 0.02)
-    )
+    field = Lucky(ExactField("exact", sheet.body), np.quantile(sheet.engine.vertices[:, 2], 0.02))
     first, second = (
-        draw_contacts(sheet.surface, sheet.engine, SCALE, 20_000, np.random.default_rng(seed))
-        for seed in (6, 7)
+        draw_contacts(sheet.body, SCALE, 20_000, np.random.default_rng(seed)) for seed in (6, 7)
     )
     _, upper = promise(forces(field), first)
     found, _ = promise(forces(field), second)
@@ -229,8 +225,8 @@ def test_a_judgement_that_passes_a_control_says_so():
 
 def test_a_gap_is_where_the_wall_is_thinnest_and_has_the_same_place_again():
     blade = open_shape("blade")
-    exact = ExactField("exact", Body.open(blade.mesh))
-    one, other = (controls(exact, blade.surface, SCALE)[1] for _ in range(2))
+    exact = ExactField("exact", blade.body)
+    one, other = (controls(exact, SCALE)[1] for _ in range(2))
     points, normals, _, _ = blade.surface.draw(4000, np.random.default_rng(8))
     radius = inscribed_radius(blade.engine, points, normals)
     pressed = points - 0.9 * radius[:, None] * normals

@@ -7,8 +7,9 @@ import pytest
 
 from pandis.base.errors import PandisError
 from pandis.base.forces import penalty_force
-from pandis.base.frame import Frame
-from pandis.pipeline.geometry.distance import MeshDistance, ShapeDistance
+from pandis.base.frame import UNIT, Frame
+from pandis.pipeline.geometry.body import Body
+from pandis.pipeline.geometry.distance import MeshDistance
 from pandis.pipeline.geometry.sampling import Surface
 from pandis.pipeline.geometry.shapes import SHAPES
 from pandis.pipeline.geometry.trajectories import trace
@@ -26,7 +27,8 @@ from support import artifact, box_mesh
 
 FRAME = Frame((0.0, 0.0, 0.0), 0.9)
 AT = FRAME.attributes()
-ENGINE = ShapeDistance(SHAPES["sphere"], FRAME)
+BODY = Body(*SHAPES["sphere"].tessellation(), FRAME, "sphere")
+ENGINE = BODY.distance
 #: Mean error as a share of the mean force: what correct code gives, computed apart from this
 #: code with NumPy scripts, for a spiral of 2,000 samples 2 to 5 % deep and 100³ nodes.
 EXPECTED = {
@@ -68,7 +70,7 @@ def opened(name):
 
 def spiral(samples=2000):
     options = TrajectoryOptions(kind="spiral", samples=samples)
-    path, _ = trace(None, ENGINE, options, 0, silent_progress)
+    path, _ = trace(BODY, options, 0, silent_progress)
     return path["points"], penalty_force(path["distance"], path["normal"])
 
 
@@ -93,9 +95,9 @@ def test_spiral_is_as_deep_as_it_should_be():
 
 
 def test_spiral_is_for_spheres():
-    engine = ShapeDistance(SHAPES["torus"], FRAME)
+    torus = Body(*SHAPES["torus"].tessellation(), FRAME, "torus")
     with pytest.raises(PandisError, match=r"trajectory\.kind: a spiral is for analytic:sphere"):
-        trace(None, engine, TrajectoryOptions(kind="spiral"), 0, silent_progress)
+        trace(torus, TrajectoryOptions(kind="spiral"), 0, silent_progress)
 
 
 # --- [22] ---------------------------------------------------------------------------------
@@ -122,7 +124,7 @@ def test_the_contact_point_depends_on_the_way_and_forgets_it_outside():
 
 def test_a_contact_point_is_held_on_its_side_of_a_thin_plate():
     """Where the penalty force turns around in the middle of the plate."""
-    frame = Frame((0.0, 0.0, 0.0), 1.0)
+    frame = UNIT
     vertices, faces = box_mesh()
     plate = MeshDistance(vertices * [0.9, 0.9, 0.02] / np.abs(vertices).max(0), faces)
 

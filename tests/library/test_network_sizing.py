@@ -20,7 +20,7 @@ def sized(drawn, folder, log=lambda text: None, **options):
     loose = {"tail": 1.0, "missed": 1.0}
     own = own.model_copy(update={"recipe": own.recipe.model_copy(update=loose)})
     strata = drawn[1]
-    points = Points(strata.surface, strata.engine, Scale(0.1, 400.0), own.seed)
+    points = Points(strata.body, Scale(0.1, 400.0), own.seed)
     return train(own, *drawn, points, folder / "train-r.0.pt", silent_progress, log)
 
 

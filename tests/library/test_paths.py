@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from pandis.base.frame import Frame
+from pandis.base.frame import UNIT
 from pandis.pipeline.judge.errors.paths import interval, over_paths, repeats, verdict
 from pandis.pipeline.kinds.field import Field
 from pandis.pipeline.kinds.network.record import ModelRecord
@@ -17,7 +17,7 @@ class Plane(Field):
     """Space below z = 0, its surface moved."""
 
     def __init__(self, name, moved):
-        super().__init__(name, Frame((0.0, 0.0, 0.0), 1.0), 0)
+        super().__init__(name, UNIT, 0)
         self.moved = moved
 
     def answer(self, points):

@@ -59,14 +59,14 @@ def shape(name):
 def points_of(name):
     """Return the points that all budgets of a shape choose and promise by."""
     own = shape(name)
-    return Points(own.surface, own.engine, SCALE, 3)
+    return Points(own.body, SCALE, 3)
 
 
 @cache
 def fresh(name):
     """Return points of a shape that neither choice nor promise has seen."""
     own = shape(name)
-    return draw_contacts(own.surface, own.engine, SCALE, FRESH, np.random.default_rng([77, 5, 1]))
+    return draw_contacts(own.body, SCALE, FRESH, np.random.default_rng([77, 5, 1]))
 
 
 _MADE, _PROVED, _TRIED = {}, {}, {}
@@ -79,7 +79,7 @@ def workshop(monkeypatch):
 
     def once(make):
         def made_once(self, size):
-            key = id(self.points.surface), self.form, size
+            key = id(self.points.body), self.form, size
             if key not in _MADE:
                 _MADE[key] = make(self, size)
             return _MADE[key]
@@ -93,10 +93,10 @@ def workshop(monkeypatch):
         found = _PROVED[id(field)]
         return measured._replace(why=found.why, excess=max(found.excess, measured.excess))
 
-    def tried_once(exact, surface, scale):
-        if id(surface) not in _TRIED:
-            _TRIED[id(surface)] = controls(exact, surface, scale)
-        return _TRIED[id(surface)]
+    def tried_once(exact, scale):
+        if id(exact.body) not in _TRIED:
+            _TRIED[id(exact.body)] = controls(exact, scale)
+        return _TRIED[id(exact.body)]
 
     monkeypatch.setattr(choice, "controls", tried_once)
     for maker, sizes in ((GridMaker, SIZES), (SplineMaker, SPLINES)):

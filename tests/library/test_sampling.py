@@ -3,9 +3,10 @@ import pytest
 from scipy.spatial import cKDTree
 
 from pandis.base.forces import penalty_force
-from pandis.base.frame import Frame
+from pandis.base.frame import UNIT, Frame
 from pandis.engine.bvh import TIED
-from pandis.pipeline.geometry.distance import MeshDistance, ShapeDistance
+from pandis.pipeline.geometry.body import Body
+from pandis.pipeline.geometry.distance import ShapeDistance
 from pandis.pipeline.geometry.sampling import PROBE_DEPTHS, Surface, bending, blue_noise, probes
 from pandis.pipeline.geometry.shapes import SHAPES as CLOSED_FORMS
 from pandis.pipeline.geometry.strata import STRATA
@@ -44,15 +45,12 @@ def test_penalty_force_pushes_out_and_never_pulls():
 
 @pytest.fixture(scope="module")
 def torus():
-    vertices, faces = CLOSED_FORMS["torus"].tessellation()
-    frame = Frame.of_bounds(vertices.min(0), vertices.max(0))
-    engine = MeshDistance(frame.to_unit(vertices), faces)
-    return Surface(engine.vertices, engine.faces), engine
+    return Body(*CLOSED_FORMS["torus"].tessellation())
 
 
 def test_samples_are_labelled_exactly_where_they_lie(torus):
-    surface, engine = torus
-    arrays, attributes = sample(surface, engine, SMALL, 5, silent_progress)
+    engine = torus.distance
+    arrays, attributes = sample(torus, SMALL, 5, silent_progress)
     assert list(attributes["strata"]) == list(STRATA)
     assert all(len(a) == 14_000 for a in arrays.values())
     on_surface = slice(*attributes["strata"]["surface"])
@@ -78,8 +76,8 @@ def test_samples_are_labelled_exactly_where_they_lie(torus):
 
 
 def test_points_can_be_made_again_from_face_barycentrics_and_offset(torus):
-    surface, engine = torus
-    arrays, attributes = sample(surface, engine, SMALL, 5, silent_progress)
+    surface = torus.surface
+    arrays, attributes = sample(torus, SMALL, 5, silent_progress)
     start = attributes["strata"]["box"][0]
     points, normals = surface.at(arrays["face"][:start], arrays["barycentrics"][:start])
     again = points + arrays["offset"][:start, None].astype(float) * normals
@@ -88,7 +86,7 @@ def test_points_can_be_made_again_from_face_barycentrics_and_offset(torus):
 
 def test_same_seed_same_samples(torus):
     def draw(seed):
-        return sample(*torus, SMALL, seed, silent_progress)[0]["points"]
+        return sample(torus, SMALL, seed, silent_progress)[0]["points"]
 
     assert np.array_equal(draw(5), draw(5))
     assert not np.array_equal(draw(5), draw(6))
@@ -97,18 +95,18 @@ def test_same_seed_same_samples(torus):
 def test_shards_do_not_show(torus, monkeypatch):
     """Fewer points at once: other random numbers, but strata of the same law, in one order."""
     monkeypatch.setattr("pandis.pipeline.geometry.strata.SHARD", 256)
-    arrays, attributes = sample(*torus, SMALL, 5, silent_progress)
+    arrays, attributes = sample(torus, SMALL, 5, silent_progress)
     assert all(len(a) == 14_000 for a in arrays.values())
     start, stop = attributes["strata"]["surface"]
-    rank = np.empty(len(torus[0].order), int)
-    rank[torus[0].order] = np.arange(len(rank))
+    rank = np.empty(len(torus.surface.order), int)
+    rank[torus.surface.order] = np.arange(len(rank))
     assert (np.diff(rank[arrays["face"][start:stop]]) >= 0).all()
 
 
 def test_threads_do_not_show(torus, monkeypatch):
     def draw(threads):
         monkeypatch.setenv("IGL_NUM_THREADS", threads)
-        return sample(*torus, SMALL, 5, silent_progress)[0]
+        return sample(torus, SMALL, 5, silent_progress)[0]
 
     one, three = draw("1"), draw("3")
     assert all(np.array_equal(one[name], three[name]) for name in one)
@@ -116,10 +114,9 @@ def test_threads_do_not_show(torus, monkeypatch):
 
 def test_points_with_two_closest_points_are_marked():
     vertices, faces = box_mesh()
-    engine = MeshDistance(vertices * [0.9, 0.9, 0.06], faces)
-    surface = Surface(engine.vertices, engine.faces)
-    arrays, _ = sample(surface, engine, SMALL, 5, silent_progress)
-    flags = engine.label(arrays["points"].astype(float)).flags
+    body = Body(vertices * [0.9, 0.9, 0.06], faces, UNIT)
+    arrays, _ = sample(body, SMALL, 5, silent_progress)
+    flags = body.distance.label(arrays["points"].astype(float)).flags
     assert np.array_equal(arrays["tied"], (flags & TIED) > 0)
     assert 0 < arrays["tied"].mean() < 0.2
 
@@ -140,7 +137,7 @@ def test_bent_places_get_more_points():
 
 
 def test_blue_noise_keeps_its_distance_and_stays_uniform(torus):
-    surface, _ = torus
+    surface = torus.surface
     count = 3000
     points, _, face, _ = blue_noise(surface, count, np.random.default_rng(0))
     again = blue_noise(surface, count, np.random.default_rng(0))[0]
@@ -168,7 +165,7 @@ def test_blue_noise_on_a_wall_has_points_on_both_sides():
 
 def test_surface_points_are_uniform_by_area(torus):
     """More so than independent ones: compare the counts on the two halves of many cuts."""
-    surface, _ = torus
+    surface = torus.surface
     points, normals, face, _ = surface.draw(20_000, np.random.default_rng(0))
     assert np.abs(np.linalg.norm(normals, axis=1) - 1).max() < 1e-12
     area = np.linalg.norm(np.cross(
@@ -194,8 +191,8 @@ def test_closed_form_is_sampled_on_itself():
 
 
 def test_probe_sets_follow_the_contract(torus):
-    surface, engine = torus
-    sets = probes(surface, engine, 5000, seed=1)
+    engine = torus.distance
+    sets = probes(torus, 5000, seed=1)
     assert set(sets) == set(PROBE_DEPTHS)
     for name, deepest in PROBE_DEPTHS.items():
         points, distance, normal = sets[name]
@@ -209,14 +206,14 @@ def test_probe_sets_follow_the_contract(torus):
 # --- trajectories ---------------------------------------------------------------------
 
 
-def path_of(surface, engine, **options):
-    return trace(surface, engine, TrajectoryOptions(**options), 3, silent_progress)[0]
+def path_of(body, **options):
+    return trace(body, TrajectoryOptions(**options), 3, silent_progress)[0]
 
 
 def test_trajectory_is_exact_smooth_and_of_the_depth_asked_for(torus):
-    found = path_of(*torus)
+    found = path_of(torus)
     points, distance, normal = (found[k] for k in ("points", "distance", "normal"))
-    exact = torus[1].distance_and_normal(points)
+    exact = torus.distance.distance_and_normal(points)
     assert np.array_equal(distance, exact[0])
     assert np.array_equal(normal, exact[1])
     assert len(points) == 2000
@@ -229,7 +226,7 @@ def test_trajectory_is_exact_smooth_and_of_the_depth_asked_for(torus):
 
 
 def test_trajectory_is_seeded(torus):
-    one, other = path_of(*torus, samples=200), path_of(*torus, samples=200)
+    one, other = path_of(torus, samples=200), path_of(torus, samples=200)
     assert np.array_equal(one["points"], other["points"])
 
 
@@ -239,7 +236,7 @@ def test_a_path_follows_the_thickness_of_what_is_too_thin_for_it(name):
     """A sheet-metal part got no report at all: its walls are thinner than the usual depth."""
     shape = open_shape(name)
     options = TrajectoryOptions(samples=200)
-    found, attributes = trace(shape.surface, shape.engine, options, 1, silent_progress)
+    found, attributes = trace(shape.body, options, 1, silent_progress)
     distance, normal = shape.engine.distance_and_normal(found["points"])
     assert (distance < 0).all()
     assert np.array_equal(distance, found["distance"])
@@ -256,8 +253,7 @@ def test_a_path_follows_the_thickness_of_what_is_too_thin_for_it(name):
 
 def test_depths_that_no_part_has_room_for_follow_it_too():
     vertices, faces = box_mesh()
-    engine = MeshDistance(vertices * [0.9, 0.9, 0.005], faces)
-    own = Surface(engine.vertices, engine.faces)
-    found = path_of(own, engine, samples=50, shallow=0.4, deep=0.5)
+    thin = Body(vertices * [0.9, 0.9, 0.005], faces, UNIT)
+    found = path_of(thin, samples=50, shallow=0.4, deep=0.5)
     assert (found["distance"] < 0).all()
     assert found["distance"].min() > -0.005

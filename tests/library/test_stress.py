@@ -175,8 +175,8 @@ def sphere():
 @pytest.fixture(scope="module")
 def tried(sphere):
     exact = Exact()
-    exact.engine = ENGINE
-    return controls(exact, sphere.surface, SCALE)
+    exact.body, exact.engine = sphere.body, ENGINE
+    return controls(exact, SCALE)
 
 
 def test_the_exact_sphere_passes_everything(sphere, tried):
@@ -241,7 +241,7 @@ def grid(kind, content, size):
 def test_loop_work_is_that_of_the_literature_notes(sphere):
     """0.75, 0.021 and 4e-16 at 32³, 0.36 and 0.0033 at 64³; how loops are drawn is left open."""
     rng = np.random.default_rng(3)
-    feet, outward = sphere.surface.draw(100, rng)[:2]
+    feet, outward = sphere.body.surface.draw(100, rng)[:2]
     places = Stratified(feet, outward, np.full(100, R), np.full(100, 0.01), np.ones(100, bool))
     paths = loops(places, ENGINE, rng)
 
@@ -344,7 +344,7 @@ def test_contacts_tell_what_is_hollow_and_what_is_wrong_deep_inside(sphere):
 
     def told(field):
         rng = np.random.default_rng(0)
-        return ghosts(field.answer, sphere.engine, sphere.surface, 200_000, SCALE, rng)
+        return ghosts(field.answer, sphere.body, 200_000, SCALE, rng)
 
     assert (told(Exact())["hollow"], told(Exact())["core"]) == (0, 0)
     cap, ball = 0.4**2 * (3 * R - 0.4) / 4, R**3  # the volumes, over 4 pi / 3

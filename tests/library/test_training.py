@@ -6,9 +6,8 @@ import torch
 from scipy.spatial import cKDTree
 
 from pandis.base.errors import PandisError
-from pandis.base.frame import Frame
-from pandis.pipeline.geometry.distance import MeshDistance, ShapeDistance
-from pandis.pipeline.geometry.sampling import Surface
+from pandis.base.frame import UNIT, Frame
+from pandis.pipeline.geometry.body import Body
 from pandis.pipeline.geometry.shapes import SHAPES
 from pandis.pipeline.geometry.strata import Strata
 from pandis.pipeline.kinds.network.spec import TrainTask
@@ -29,16 +28,13 @@ from support import artifact, sample
 
 @pytest.fixture(scope="module")
 def samples():
-    frame = Frame((0.0, 0.0, 0.0), 0.9)
-    engine = ShapeDistance(SHAPES["sphere"], frame)
-    vertices, faces = SHAPES["sphere"].tessellation()
+    body = Body(*SHAPES["sphere"].tessellation(), Frame((0.0, 0.0, 0.0), 0.9), "sphere")
     options = SampleOptions(
         surface=4000, offsets=4000, scales=[0.01, 0.05], shallow=4000, penetration=4000,
         depth=0.05, bent=0, core=500, box=2000, held_out=2000,
     )  # fmt: skip
-    surface = Surface(frame.to_unit(vertices), faces, engine)
-    drawn = artifact("samples", *sample(surface, engine, options, 1, silent_progress))
-    return drawn, Strata(surface, engine, options, 1)
+    drawn = artifact("samples", *sample(body, options, 1, silent_progress))
+    return drawn, Strata(body, options, 1)
 
 
 def recipe(loss="exact", **options):
@@ -417,7 +413,7 @@ def test_paper_is_shown_the_surface_and_the_box(samples, tmp_path):
 def test_paper_is_shown_vertices_with_their_own_normals(samples, tmp_path):
     run = trainer(samples, tmp_path, loss="paper", points="vertices")
     shown = np.concatenate([run.batches.batch(k)[:, :7] for k in range(run.batches.per_block)])
-    vertices = samples[1].surface.vertices
+    vertices = samples[1].body.surface.vertices
     onto = 0.9 * vertices / np.linalg.norm(vertices, axis=1, keepdims=True)
     assert cKDTree(onto).query(shown[:, :3])[0].max() < 1e-6
     assert len(np.unique(shown[:, :3], axis=0)) == len(shown) > 0.9 * len(vertices)
@@ -428,7 +424,7 @@ def test_paper_is_shown_vertices_with_their_own_normals(samples, tmp_path):
 def test_normal_of_a_vertex_is_that_of_its_faces_by_angle():
     vertices = np.array([[0, 0, 0], [2, 0, 0], [0, 1, 0], [0, 0, 1]], float) - 0.3
     faces = np.array([[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]])
-    found = vertex_points(Surface(vertices, faces), MeshDistance(vertices, faces))
+    found = vertex_points(Body(vertices, faces, UNIT))
     np.testing.assert_allclose(found[:, :3], vertices, atol=1e-7)
     for k, row in enumerate(found):
         total = np.zeros(3)

@@ -6,7 +6,7 @@ import json
 import numpy as np
 import pytest
 
-from pandis.base.frame import Frame
+from pandis.base.frame import UNIT, Frame
 from pandis.pipeline.geometry.distance import MeshDistance
 from pandis.pipeline.geometry.shapes import SHAPES
 from pandis.pipeline.judge.errors.view import DEPTHS, coarsen, surface_errors
@@ -19,7 +19,7 @@ class Shallower(Field):
     """The exact field, its surface 0.01 deeper where x > 0."""
 
     def __init__(self, engine):
-        super().__init__("shallower", Frame((0.0, 0.0, 0.0), 1.0), 0)
+        super().__init__("shallower", UNIT, 0)
         self.engine = engine
 
     def answer(self, points):

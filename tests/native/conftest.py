@@ -8,7 +8,6 @@ import pytest
 
 from pandis.base.frame import Frame
 from pandis.pipeline.geometry.body import Body
-from pandis.pipeline.geometry.sampling import Surface
 from pandis.pipeline.geometry.shapes import SHAPES
 from pandis.pipeline.kinds.clearance import clearance
 from pandis.pipeline.kinds.compact.packing import build_compact
@@ -76,7 +75,6 @@ def fields(meshes):
     """Return a field by name: everything that has a native file."""
     found = {"exact": ExactField("exact", Body.open(meshes["exact"]))}
     engine = found["exact"].engine
-    surface = Surface(engine.vertices, engine.faces)
     arrays, record = build_compact(Body.open(meshes["exact"]), 14, 0, lambda text: None)
     held = artifact("compact", arrays, record.attributes() | FRAME.attributes())
     found["compact"] = CompactField("compact-14", held)
@@ -85,7 +83,7 @@ def fields(meshes):
         values = np.concatenate(list(made.slabs(32)))
         held = artifact("grid", {"values": values}, made.attributes() | FRAME.attributes())
         found[rule] = open_field(parse_field(f"{rule}-20", ()), held)
-    fitted = SplineFit(engine, surface, (0.2, 0.1), 0, samples_for(budget=60_000))
+    fitted = SplineFit(found["exact"].body, (0.2, 0.1), 0, samples_for(budget=60_000))
     arrays, attributes = fitted.build(fitted.choose_size(60_000), 60_000, silent_progress)
     held = artifact("grid", arrays, attributes | FRAME.attributes())
     found["spline"] = open_field(parse_field("spline-auto", ()), held)

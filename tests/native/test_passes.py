@@ -5,7 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from pandis.base.frame import UNIT_SIDE, Frame
+from pandis.base.frame import UNIT, UNIT_SIDE
 from pandis.pipeline.geometry.body import Body
 from pandis.pipeline.geometry.shapes import Box
 from pandis.pipeline.judge.servo.devices import DEVICES
@@ -26,7 +26,7 @@ def plate():
     """Return fields of a plate of 100 x 100 x 2 mm by kind, and the oracle; metres."""
     half = np.array([0.9, 0.9, 0.9 * THICK / SIZE])
     vertices, faces = Box(tuple(half)).tessellation(cuts=4)
-    frame = Frame((0.0, 0.0, 0.0), 1.0)
+    frame = UNIT
     mesh = artifact("mesh", {"vertices": vertices, "faces": faces},
                     {**frame.attributes(), "shape": None})  # fmt: skip
     body = Body.open(mesh)

@@ -7,7 +7,7 @@ import pytest
 import trimesh
 from test_header import NAMES, points_for
 
-from pandis.base.frame import Frame
+from pandis.base.frame import UNIT
 from pandis.pipeline.geometry.body import Body
 from pandis.pipeline.geometry.shapes import SHAPES
 from pandis.pipeline.kinds import native as export
@@ -107,7 +107,7 @@ def ball(most, monkeypatch, shell=False):
     if shell:
         faces = np.concatenate([faces, faces[:, ::-1] + len(vertices)])
         vertices = np.concatenate([vertices, 0.98 * vertices])
-    body = Body(0.9 * vertices, faces, Frame((0.0, 0.0, 0.0), 1.0))
+    body = Body(0.9 * vertices, faces, UNIT)
     monkeypatch.setattr("pandis.pipeline.kinds.exact.file.least_limit", lambda *given: most)
     return NativeField(export.native_bytes(ExactField("exact", body), {})), body
 
@@ -167,7 +167,7 @@ def limit_of(data):
 
 def test_around_a_corner_of_very_many_faces_the_limit_is_larger():
     """What is cut there could be wrong by the size of the object."""
-    body = Body(*cone(1000), Frame((0.0, 0.0, 0.0), 1.0))
+    body = Body(*cone(1000), UNIT)
     data = export.native_bytes(ExactField("exact", body), {})
     assert MOST < limit_of(data) <= 8 * MOST
     field, rng = NativeField(data), np.random.default_rng(2)
@@ -194,7 +194,7 @@ def test_one_small_corner_of_a_large_mesh_makes_the_limit_larger():
     ball, small = trimesh.creation.icosphere(subdivisions=7, radius=0.7), cone(1500)
     vertices = np.concatenate([ball.vertices, 0.002 * small[0] + (0.8, 0, 0)])
     faces = np.concatenate([ball.faces, small[1] + len(ball.vertices)])
-    body = Body(vertices, faces, Frame((0.0, 0.0, 0.0), 1.0))
+    body = Body(vertices, faces, UNIT)
     field = NativeField(export.native_bytes(ExactField("exact", body), {}))
     base = np.random.default_rng(4).normal(0, (2e-6, 2e-6, 2e-7), (500, 3)) + (0.8, 0, -0.0018)
     found = field.query(base)
@@ -204,7 +204,7 @@ def test_one_small_corner_of_a_large_mesh_makes_the_limit_larger():
 
 def test_the_middle_of_a_ball_does_not_make_the_limit_larger():
     vertices, faces = SHAPES["sphere"].tessellation()
-    body = Body(0.9 * vertices, faces, Frame((0.0, 0.0, 0.0), 1.0))
+    body = Body(0.9 * vertices, faces, UNIT)
     data = export.native_bytes(ExactField("exact", body), {})
     assert limit_of(data) == MOST
     assert (NativeField(data).query(middle(100, 1e-9)).flag == CUT).all()

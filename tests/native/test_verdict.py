@@ -7,8 +7,6 @@ import pytest
 from test_devices import RADIUS
 
 from pandis.base.physical import Scale
-from pandis.pipeline.geometry.body import Body
-from pandis.pipeline.geometry.sampling import Surface
 from pandis.pipeline.geometry.trajectories import trace
 from pandis.pipeline.judge.controls import controls
 from pandis.pipeline.judge.servo.attached import Span, run_attached, stiffness_for
@@ -44,11 +42,8 @@ def task(**options):
 @pytest.fixture(scope="module")
 def surface(fields):
     """Return where the torus is pressed on: as `trajectory` gives it."""
-    field = fields["exact"]
-    engine = field.engine
-    own = Surface(engine.vertices, engine.faces)
-    held, _ = trace(own, engine, TrajectoryOptions(samples=400), 2, silent_progress)
-    walls = open_walls(fields["exact"], own, SCALE, 3)
+    held, _ = trace(fields["exact"].body, TrajectoryOptions(samples=400), 2, silent_progress)
+    walls = open_walls(fields["exact"], SCALE, 3)
     return contact(held, walls.pressed, walls.thin, SIZE)
 
 
@@ -177,11 +172,11 @@ def test_a_slow_machine_is_told_what_to_do():
 def test_no_control_passes_the_hardware_verdict(name):
     """A field of no force was called “pass … it keeps still and gives no energy”."""
     shape = open_shape(name)
-    exact = ExactField("exact", Body.open(shape.mesh))
-    walls = open_walls(exact, shape.surface, SCALE, 1)
+    exact = ExactField("exact", shape.body)
+    walls = open_walls(exact, SCALE, 1)
     # the blade's edge tapers to nothing: too much of it is too thin for any field to be sold
     assert compare(exact, walls).holds == (name != "blade")
-    for control in controls(exact, shape.surface, SCALE):
+    for control in controls(exact, SCALE):
         found = compare(control, walls)
         assert not found.holds
         assert found.missing > 0.005

@@ -51,3 +51,7 @@ class Frame(NamedTuple):
         low, high = np.asarray(low, np.float64), np.asarray(high, np.float64)
         centre = low + (high - low) / 2
         return cls(tuple(centre.tolist()), float(UNIT_SIDE / (high - low).max()))
+
+
+#: The frame of points that are already in the unit frame.
+UNIT = Frame((0.0, 0.0, 0.0), 1.0)

@@ -40,14 +40,12 @@ class ContactSet(NamedTuple):
     left_out: float
 
 
-def draw_contacts(surface, engine, scale, count, rng, even=False):
+def draw_contacts(body, scale, count, rng, even=False):
     """Draw a contact set.
 
     Parameters
     ----------
-    surface : pandis.pipeline.geometry.sampling.Surface
-    engine : object
-        The exact distance of a `pandis.pipeline.geometry.body.Body`.
+    body : pandis.pipeline.geometry.body.Body
     scale : pandis.base.physical.Scale
     count : int
         Number of surface points; points on walls that are too thin are left out, not replaced.
@@ -59,6 +57,7 @@ def draw_contacts(surface, engine, scale, count, rng, even=False):
     -------
     ContactSet
     """
+    engine, surface = body.distance, body.surface
     drawn = blue_noise(surface, count, rng) if even else surface.draw(count, rng)
     feet, outward = drawn[:2]
     depths = {name: rng.permutation((np.arange(count) + rng.random(count)) / count)

@@ -44,12 +44,12 @@ class Stratified(NamedTuple):
         return np.minimum(OF_RADIUS * self.radius, deepest)
 
 
-def stratify(surface, engine, scale, count, rng, among="pushing"):
+def stratify(body, scale, count, rng, among="pushing"):
     """Draw surface points by classes of inscribed radius, so that no thin part is left out.
 
     Parameters
     ----------
-    surface, engine, scale, rng
+    body, scale, rng
         As for `draw_contacts`.
     count : int
         Approximate number of points; rounded down to a multiple of the number of classes.
@@ -64,9 +64,9 @@ def stratify(surface, engine, scale, count, rng, among="pushing"):
     Stratified
         If there is no such area, the points are from the thickest hundredth of all candidates.
     """
-    feet, outward, _, _ = surface.draw(_POOL, rng)
-    radius = inscribed_radius(engine, feet, outward, THICKEST)
-    wall = are_walls(engine, feet, outward, radius)
+    feet, outward, _, _ = body.surface.draw(_POOL, rng)
+    radius = inscribed_radius(body.distance, feet, outward, THICKEST)
+    wall = are_walls(body.distance, feet, outward, radius)
     pushing = OF_RADIUS * radius * scale.newtons >= JUDGED
     drawn = {"pushing": pushing, "judged": pushing | wall, "all": np.ones(len(feet), bool)}[among]
     chosen = np.flatnonzero(drawn & ~too_thin(radius, wall, scale))

@@ -45,15 +45,13 @@ class Points:
 
     Parameters
     ----------
-    surface : pandis.pipeline.geometry.sampling.Surface
-    engine : object
-        The exact distance of a `pandis.pipeline.geometry.body.Body`.
+    body : pandis.pipeline.geometry.body.Body
     scale : pandis.base.physical.Scale
     seed : int
     """
 
-    def __init__(self, surface, engine, scale, seed):
-        self.surface, self.engine, self.scale, self.seed = surface, engine, scale, seed
+    def __init__(self, body, scale, seed):
+        self.body, self.scale, self.seed = body, scale, seed
 
     @cached_property
     def choosing(self):
@@ -67,7 +65,7 @@ class Points:
 
     def _draw(self, count, stream):
         rng = generator(self.seed, *stream)
-        return draw_contacts(self.surface, self.engine, self.scale, count, rng)
+        return draw_contacts(self.body, self.scale, count, rng)
 
     @cached_property
     def mean_force(self):

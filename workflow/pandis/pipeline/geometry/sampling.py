@@ -159,7 +159,7 @@ def _sums(pairs, values, count):
     return np.bincount(pairs[:, 0], values, count) + np.bincount(pairs[:, 1], values, count)
 
 
-def probes(surface, engine, count, seed):
+def probes(body, count, seed):
     """Return the shallow and the deep probe set, with exact distances and normals.
 
     Points are area-uniform blue noise on the surface, moved inward along the normal by
@@ -173,10 +173,10 @@ def probes(surface, engine, count, seed):
     sets = {}
     for index, (name, deepest) in enumerate(PROBE_DEPTHS.items()):
         rng = generator(seed, index)
-        points, normals, _, _ = blue_noise(surface, count, rng)
+        points, normals, _, _ = blue_noise(body.surface, count, rng)
         depth = rng.permutation((np.arange(count) + rng.random(count)) / count) * deepest
         points = points - depth[:, None] * normals
-        sets[name] = (points, *engine.distance_and_normal(points))
+        sets[name] = (points, *body.distance.distance_and_normal(points))
     return sets
 
 

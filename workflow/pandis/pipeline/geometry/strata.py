@@ -5,6 +5,8 @@ only on the seed, the stratum and k. Shards can therefore be drawn one at a time
 the number of threads does not affect the result.
 """
 
+from copy import copy
+
 import numpy as np
 
 from pandis.base.streams import generator
@@ -38,9 +40,7 @@ class Strata:
 
     Parameters
     ----------
-    surface : pandis.pipeline.geometry.sampling.Surface
-    engine : object
-        The exact distance of a `pandis.pipeline.geometry.body.Body`.
+    body : pandis.pipeline.geometry.body.Body
     options : pandis.pipeline.run.ask.options.SampleOptions
     seed : int
 
@@ -51,8 +51,9 @@ class Strata:
     count : int
     """
 
-    def __init__(self, surface, engine, options, seed):
-        self.surface, self.engine, self.options, self.seed = surface, engine, options, seed
+    def __init__(self, body, options, seed):
+        self.body, self.options, self.seed = body, options, seed
+        self.engine = body.distance
         counts = {
             "surface": options.surface,
             "offset": options.offsets,
@@ -72,11 +73,13 @@ class Strata:
         """Return the strata of a body with the options and seed of a samples artifact."""
         law = dict(SamplesRecord.of(samples).law)
         seed = law.pop("seed")
-        return cls(body.surface, body.distance, SampleOptions(**law), seed)
+        return cls(body, SampleOptions(**law), seed)
 
     def asking(self, engine):
         """Return the same strata, to be labelled by another engine."""
-        return Strata(self.surface, engine, self.options, self.seed)
+        strata = copy(self)
+        strata.engine = engine
+        return strata
 
     def columns(self):
         """Return the shapes, types and chunks of all arrays, for `ArtifactWriter`."""
@@ -151,7 +154,7 @@ class Strata:
         if "surface" in drawn:  # these rows come first
             _, _, face, barycentrics = drawn["surface"]
             rows[: len(face), 3] = 0
-            rows[: len(face), 4:] = self.surface.at(face, barycentrics)[1]
+            rows[: len(face), 4:] = self.body.surface.at(face, barycentrics)[1]
         return rows
 
     def _draw(self, stratum, rng, start, size, total):
@@ -172,7 +175,7 @@ class Strata:
             offset = rng.random(size)  # share of the depth range, on a logarithmic scale
         else:
             offset = -rng.uniform(0, options.depth, size)
-        drawn = self.surface.draw(size, rng, start, total, bent=stratum == "bent")
+        drawn = self.body.surface.draw(size, rng, start, total, bent=stratum == "bent")
         points, normals, face, barycentrics = drawn
         if stratum == "core":
             offset = -(options.depth ** (1 - offset)) * _way(points, -normals) ** offset
@@ -185,7 +188,7 @@ class Strata:
         if STRATA[index] == "surface":
             # points are on the surface by construction, except for rounded coordinates
             distance = np.zeros(len(points))
-            normal = self.surface.at(face, barycentrics)[1]
+            normal = self.body.surface.at(face, barycentrics)[1]
         return {
             "points": points,
             "distance": distance,

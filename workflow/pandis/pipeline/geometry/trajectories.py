@@ -13,7 +13,7 @@ _OF_RADIUS = 0.8
 TURNS = 6
 
 
-def trace(surface, engine, options, seed, progress):
+def trace(body, options, seed, progress):
     """Trace a smooth path at a smoothly varying depth.
 
     At each sample the probe moves one step along the surface, in a heading that turns slowly at
@@ -24,9 +24,7 @@ def trace(surface, engine, options, seed, progress):
 
     Parameters
     ----------
-    surface : pandis.pipeline.geometry.sampling.Surface
-    engine : object
-        The exact distance of a `pandis.pipeline.geometry.body.Body`.
+    body : pandis.pipeline.geometry.body.Body
     options : pandis.pipeline.run.ask.options.TrajectoryOptions
     seed : int or list of int
     progress : callable
@@ -46,11 +44,11 @@ def trace(surface, engine, options, seed, progress):
         not a sphere.
     """
     if options.kind == "spiral":
-        return _spiral(engine, options.samples), {"followed": ""}
-    path = _walk(surface, engine, options, seed, progress, follow=False)
+        return _spiral(body.distance, options.samples), {"followed": ""}
+    path = _walk(body, options, seed, progress, follow=False)
     if path is not None:
         return path, {"followed": ""}
-    path = _walk(surface, engine, options, seed, progress, follow=True)
+    path = _walk(body, options, seed, progress, follow=True)
     if path is None:
         raise PandisError(
             "the probe's path fits nowhere on the mesh, at any depth: the mesh's parts are smaller "
@@ -64,7 +62,7 @@ def trace(surface, engine, options, seed, progress):
     }
 
 
-def _walk(surface, engine, options, seed, progress, follow):
+def _walk(body, options, seed, progress, follow):
     """Return the arrays of a path; None if it cannot be completed.
 
     With ``follow``, its depth is at most 0.8 of the inscribed radius.
@@ -73,8 +71,8 @@ def _walk(surface, engine, options, seed, progress, follow):
     count, step = options.samples, options.step
     depth = _depths(count, options.shallow, options.deep, rng)
     report = progress("trajectory", count, "samples")
-    tracer = _Tracer(engine, step, follow)
-    starts, normals, _, _ = surface.draw(1000, rng)
+    tracer = _Tracer(body.distance, step, follow)
+    starts, normals, _, _ = body.surface.draw(1000, rng)
     points, distances, found_normals = np.empty((count, 3)), np.empty(count), np.empty((count, 3))
     done, heading, restarts = 0, None, 0
     while done < count:

@@ -191,7 +191,7 @@ class Chooser:
 
     def _try_controls(self):
         exact = ExactField("exact", self.body)
-        tried = controls(exact, self.points.surface, self.points.scale)
+        tried = controls(exact, self.points.scale)
         met = []
         for control in tried:
             _, upper = promise(force_of(control), self.points.promising)

@@ -50,7 +50,6 @@ class ControlGap(Field):
     ----------
     name : str
     exact : pandis.pipeline.kinds.field.ExactField
-    surface : pandis.pipeline.geometry.sampling.Surface
     passes : callable
         The filter: takes radii (n,) and a mask of walls (n,); returns a mask of accepted places.
     of_all : bool
@@ -62,9 +61,10 @@ class ControlGap(Field):
         Share of the area that the filter accepts.
     """
 
-    def __init__(self, name, exact, surface, passes, of_all=False):
+    def __init__(self, name, exact, passes, of_all=False):
         super().__init__(name, exact.frame, exact.bytes)
         self.engine, self.exact, self._passes = exact.engine, exact, passes
+        surface = exact.body.surface
         # a closed form has no faces: use those of its tessellation
         mesh = isinstance(self.engine, MeshDistance)
         self._faces = None if mesh else Bvh(surface.corners.reshape(-1, 3), _every(surface))
@@ -109,7 +109,7 @@ class ControlGap(Field):
         return np.column_stack([step, labels.face, labels.barycentrics[:, 1:]])
 
 
-def controls(exact, surface, scale):
+def controls(exact, scale):
     """Return the fields that every judgement of a mesh must fail.
 
     ``control-zero`` has no force. ``control-gap`` has none on the thinnest 2 % of the area
@@ -120,7 +120,6 @@ def controls(exact, surface, scale):
     Parameters
     ----------
     exact : pandis.pipeline.kinds.field.ExactField
-    surface : pandis.pipeline.geometry.sampling.Surface
     scale : pandis.base.physical.Scale
     """
 
@@ -130,8 +129,8 @@ def controls(exact, surface, scale):
     def is_judged(radius, wall):
         return is_wall(radius, wall) | (OF_RADIUS * radius * scale.newtons >= JUDGED)
 
-    gap = ControlGap("control-gap", exact, surface, is_judged)
-    thin = ControlGap("control-thin", exact, surface, is_wall, of_all=True)
+    gap = ControlGap("control-gap", exact, is_judged)
+    thin = ControlGap("control-thin", exact, is_wall, of_all=True)
     return [ControlZero(exact), gap, *([thin] if thin.counts >= LEAST_WALLS else [])]
 
 

@@ -4,7 +4,7 @@ import numpy as np
 
 from pandis.base.errors import PandisError
 from pandis.base.forces import penalty_force
-from pandis.base.frame import Frame
+from pandis.base.frame import UNIT
 
 POINTS = 100_000
 #: Bounds in the unit frame. Forces are compared where the direction's length before normalisation
@@ -13,7 +13,6 @@ POINTS = 100_000
 #: direction is inversely proportional to the length.
 DISTANCE, FORCE, NORMAL = 5e-6, 5e-6, 2e-5
 FORCE_LENGTH, NORMAL_LENGTH = 0.1, 0.5
-_UNIT = Frame((0.0, 0.0, 0.0), 1.0)
 
 
 def check_points(frame, seed=0):
@@ -106,7 +105,7 @@ def check_nearest(field, engine, rounding):
     PandisError
         One of these exceeds its bound, or is not finite.
     """
-    points = check_points(_UNIT)
+    points = check_points(UNIT)
     distance, normal, _ = field.query(points)
     exact, _ = engine.distance_and_normal(points, check=False)
     clear = field.clear(points)

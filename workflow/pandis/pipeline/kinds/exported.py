@@ -1,10 +1,8 @@
 """A field queried through its ``.pandis`` file, so that measurements use what programs load."""
 
-from pandis.base.frame import Frame
+from pandis.base.frame import UNIT
 from pandis.pipeline.kinds.field import Answer, Field
 from pandis.runtime.field import NETWORK, SHAPE, NativeField
-
-_UNIT = Frame((0.0, 0.0, 0.0), 1.0)
 
 
 class ExportedField(Field):
@@ -29,7 +27,7 @@ class ExportedField(Field):
         #: A closed form is a formula in mesh units. All other fields store unit-frame numbers. They
         #: are queried in the unit frame, so that conversions to mesh units and back lose no digits.
         self._is_formula = self.file.kind == SHAPE
-        self._unit = None if self._is_formula else self.file.placed(_UNIT)
+        self._unit = None if self._is_formula else self.file.placed(UNIT)
         super().__init__(name, self.file.frame, self.file.bytes)
 
     def answer(self, points):

@@ -112,7 +112,7 @@ class ExactField(Field):
     kind = "exact"
 
     def __init__(self, name, body):
-        self.engine = body.distance
+        self.body, self.engine = body, body.distance
         super().__init__(name, body.frame, body.bytes)
 
     def answer(self, points):

@@ -90,7 +90,7 @@ class Maker(ABC):
 
 def points_of(body, task):
     """Return the `Points` on which a `SearchTask` compares sizes."""
-    return Points(body.surface, body.distance, Scale.of(task.device), task.seed)
+    return Points(body, Scale.of(task.device), task.seed)
 
 
 def search(maker, points, task, log):

@@ -37,19 +37,18 @@ def compare(fields, trajectory, options, progress):
         The measure of missing surface passes a control.
     """
     body, seed, count = fields.body, options.seed, options.probes
-    surface, engine = body.surface, body.distance
     scale = Scale.of(options)
     path = tuple(trajectory[key] for key in ("points", "distance", "normal"))
-    sets = probes(surface, engine, count, seed)
-    contacts = draw_contacts(surface, engine, scale, count, generator(seed, CONTACTS), even=True)
-    tried = controls(fields.exact, surface, scale)
+    sets = probes(body, count, seed)
+    contacts = draw_contacts(body, scale, count, generator(seed, CONTACTS), even=True)
+    tried = controls(fields.exact, scale)
     arrays, attributes = evaluate(fields, tried, path, sets, contacts, progress)
-    arrays |= surface_errors(fields, engine, body.corners, body.faces, progress)
-    paths = several(path, surface, engine, options, progress)
+    arrays |= surface_errors(fields, body.distance, body.corners, body.faces, progress)
+    paths = several(path, body, options, progress)
     arrays["paths"] = np.array([points for points, _, _ in paths], np.float32)
     record = EvaluationRecord(
         **attributes,
-        coverage=coverage(surface, engine, arrays["paths"], seed),
+        coverage=coverage(body, arrays["paths"], seed),
         paths=over_paths(fields, paths) if len(paths) > 1 else {},
         size=scale.size,
         stiffness=scale.stiffness,

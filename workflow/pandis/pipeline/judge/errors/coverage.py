@@ -13,14 +13,12 @@ TENTHS = 10
 VISITED = 0.01
 
 
-def coverage(surface, engine, paths, seed):
+def coverage(body, paths, seed):
     """Count the tenths of the surface that trajectories visit.
 
     Parameters
     ----------
-    surface : pandis.pipeline.geometry.sampling.Surface
-    engine : object
-        The exact distance of a `pandis.pipeline.geometry.body.Body`.
+    body : pandis.pipeline.geometry.body.Body
     paths : ndarray, shape (p, m, 3), unit frame
     seed : int
 
@@ -32,11 +30,11 @@ def coverage(surface, engine, paths, seed):
         of the samples in each tenth.
     """
     rng = generator(seed, COVERAGE)
-    places, normals, _, _ = surface.draw(PLACES, rng)
+    places, normals, _, _ = body.surface.draw(PLACES, rng)
     tree = cKDTree(places)
     values = {
         "curvature": curvature(tree, places, normals),
-        "thickness": inscribed_radius(engine, places, normals),
+        "thickness": inscribed_radius(body.distance, places, normals),
     }
     nearest = tree.query(paths.reshape(-1, 3))[1]
     shares = {}

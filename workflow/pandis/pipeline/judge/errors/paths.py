@@ -51,15 +51,14 @@ def repeats(models):
     return list(groups.values())
 
 
-def several(first, surface, engine, options, progress):
+def several(first, body, options, progress):
     """Return a list of the first trajectory and further ones traced in the same way.
 
     Parameters
     ----------
     first : tuple (points, distance, normal)
         Exact, unit frame.
-    surface, engine
-        See `pandis.pipeline.geometry.trajectories.trace`.
+    body : pandis.pipeline.geometry.body.Body
     options : pandis.pipeline.run.ask.tasks.EvaluateTask
     progress : callable
         Makes a `pandis.pipeline.run.job.stage.Progress`.
@@ -67,7 +66,7 @@ def several(first, surface, engine, options, progress):
     paths = [first]
     for index in range(1, options.paths):
         seed = [options.seed, 5, index]
-        more, _ = trace(surface, engine, options.trajectory, seed, progress)
+        more, _ = trace(body, options.trajectory, seed, progress)
         paths.append(tuple(more[key] for key in ("points", "distance", "normal")))
     return paths
 

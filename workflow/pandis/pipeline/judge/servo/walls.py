@@ -49,13 +49,12 @@ class Walls(NamedTuple):
     thin: Stratified
 
 
-def open_walls(exact, surface, scale, seed):
+def open_walls(exact, scale, seed):
     """Draw the points of a mesh, and check that no control passes on them.
 
     Parameters
     ----------
     exact : pandis.pipeline.kinds.field.ExactField
-    surface : pandis.pipeline.geometry.sampling.Surface
     scale : pandis.base.physical.Scale
     seed : int
 
@@ -68,15 +67,15 @@ def open_walls(exact, surface, scale, seed):
     PandisError
         A control passes.
     """
-    rng, engine = generator(seed, WALLS), exact.engine
-    contacts = draw_contacts(surface, engine, scale, POINTS, rng)
-    pressed, thin = (stratify(surface, engine, scale, PRESSED, rng, among)
+    rng, body = generator(seed, WALLS), exact.body
+    contacts = draw_contacts(body, scale, POINTS, rng)
+    pressed, thin = (stratify(body, scale, PRESSED, rng, among)
                      for among in ("pushing", "all"))  # fmt: skip
     depth = pressed.depth(PROBE_DEPTHS["deep"])
-    probes = below(engine, pressed.feet, pressed.outward, depth, pressed.wall, scale)
+    probes = below(exact.engine, pressed.feet, pressed.outward, depth, pressed.wall, scale)
     walls = Walls(contacts, pressed, probes, thin)
     tried = {c.name: compare(c, walls)
-             for c in controls(exact, surface, scale)}  # fmt: skip
+             for c in controls(exact, scale)}  # fmt: skip
     demand_failure("the hardware verdict", (n for n, compared in tried.items() if compared.holds))
     return walls
 

@@ -20,16 +20,14 @@ _HALVINGS = 3
 _MOST = 100_000
 
 
-def ghosts(answer, engine, surface, count, scale, rng):
+def ghosts(answer, body, count, scale, rng):
     """Measure forces in free space, and missing forces anywhere inside.
 
     Parameters
     ----------
     answer : callable
         Returns (distance, normal) at points (n, 3), unit frame.
-    engine : object
-        The exact distance of a `pandis.pipeline.geometry.body.Body`.
-    surface : pandis.pipeline.geometry.sampling.Surface
+    body : pandis.pipeline.geometry.body.Body
     count : int
         Number of points next to the surface; `haunted` searches the rest of the box.
     scale : pandis.base.physical.Scale
@@ -45,7 +43,8 @@ def ghosts(answer, engine, surface, count, scale, rng):
         ``hollow``, the share of points inside with no force; ``core``, the mean error of the force
         deeper than 0.04 as a share of the mean force there (None if no part is that thick).
     """
-    feet, outward, _, _ = surface.draw(count, rng)
+    engine = body.distance
+    feet, outward, _, _ = body.surface.draw(count, rng)
     near = feet + rng.uniform(0, PROBE_DEPTHS["deep"], count)[:, None] * outward
     near = near[(np.abs(near) <= 1).all(axis=1)]
     anywhere, where = haunted(answer, engine)

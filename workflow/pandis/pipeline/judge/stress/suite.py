@@ -180,10 +180,10 @@ class Suite:
 
     def __init__(self, body, scale, options, seed):
         self.body, self.scale, self.options, self.seed = body, scale, options, seed
-        self.surface, self.engine = surface, engine = body.surface, body.distance
+        self.engine = engine = body.distance
         self.device = Device(*(getattr(options, key) for key in Device._fields))
         rng = streams.generator(seed, streams.PLACES)
-        self.contacts = draw_contacts(surface, engine, self.scale, CONTACTS, rng)
+        self.contacts = draw_contacts(body, self.scale, CONTACTS, rng)
         places = self._places(PLACES, rng)
         self.loops = loops(self._places(options.loops, rng), engine, rng)
         deepest = self.device.force_limit / self.scale.newtons
@@ -204,7 +204,7 @@ class Suite:
         self.odd = special_points(body.corners, body.faces, self.pushed, self.thickness)
 
     def _places(self, count, rng, among="pushing"):
-        return stratify(self.surface, self.engine, self.scale, count, rng, among)
+        return stratify(self.body, self.scale, count, rng, among)
 
     @cached_property
     def exact_hold(self):
@@ -275,7 +275,7 @@ class Suite:
             "missing": lambda: absence(answer, self.contacts),
             "other": lambda: otherness(answer, self.contacts),
             "hold": lambda: hold(answer, self.pushed, self.exact_force["pushed"], scale, device),
-            "contacts": lambda: ghosts(answer, self.engine, self.surface, BESIDE, scale, rng),
+            "contacts": lambda: ghosts(answer, self.body, BESIDE, scale, rng),
             "work": lambda: work(answer, exact, self.loops, scale, device),
             "stiffness": lambda: stiffness(answer, exact, self.shell, scale, device),
             "jumps": lambda: jumps(answer, exact, self.ways, self.along, scale, device),

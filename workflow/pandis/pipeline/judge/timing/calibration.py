@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from pandis.base.frame import Frame
+from pandis.base.frame import UNIT, Frame
 from pandis.base.physical import Scale
 from pandis.pipeline.geometry.distance import MeshDistance
 from pandis.pipeline.geometry.points import Points
@@ -38,7 +38,7 @@ class Torus(NamedTuple):
     """
 
     points: Points
-    frame: Frame = Frame((0.0, 0.0, 0.0), 1.0)
+    frame: Frame = UNIT
     band: tuple = (0.045, 0.02)
     cuts: tuple = ((24, 12), (192, 96), (768, 384))
     progress: object = silent_progress

@@ -36,7 +36,7 @@ class GridMaker(Maker):
 
     def make(self, size):
         """See `Maker.make`."""
-        engine = self.points.engine
+        engine = self.points.body.distance
         grid = DenseGrid(engine, CONTENTS[self.form], size, self.band, self.progress)
         arrays = {"values": np.concatenate(list(grid.slabs(32)))}
         attributes = grid.attributes()

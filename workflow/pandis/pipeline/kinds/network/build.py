@@ -33,7 +33,7 @@ def build(job):
     """
     mesh, samples = job.read("mesh", "mesh"), job.read("samples", "samples")
     body, task = Body.open(mesh), job.options
-    points = Points(body.surface, body.distance, Scale.of(task), task.seed)
+    points = Points(body, Scale.of(task), task.seed)
     strata = Strata.of(body, samples)
     arrays, attributes, finish = train(
         task, samples, strata, points, job.checkpoint(), job.progress, job.log

@@ -29,7 +29,7 @@ def choose(chooser):
     if not fit:
         return None
     # use another seed: splines that were tried have used the points drawn with this job's seed
-    strata = Strata(points.surface, points.engine, options.samples, options.seed + 1)
+    strata = Strata(points.body, options.samples, options.seed + 1)
     drawn = strata.arrays(chooser.progress)
     samples = Artifact(None, "samples", drawn, strata.attributes(), {}, "")
     task = TrainTask(kind=KIND.name, name=name, recipe=recipe, seed=options.seed)
@@ -70,7 +70,7 @@ def _bytes(recipe, width, weight_bits):
 
 def timed(torus):
     """See `pandis.pipeline.kinds`."""
-    base = fit_base(torus.points.engine, _BASE).coefficients
+    base = fit_base(torus.points.body.distance, _BASE).coefficients
     for width in _WIDTHS:
         yield KIND.name, width, lambda width=width: _untrained(torus.frame, base, width)
 

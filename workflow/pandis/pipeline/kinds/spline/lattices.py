@@ -48,17 +48,15 @@ class SplineFit:
 
     Parameters
     ----------
-    engine : object
-        The exact distance of a `pandis.pipeline.geometry.body.Body`.
-    surface : pandis.pipeline.geometry.sampling.Surface
+    body : pandis.pipeline.geometry.body.Body
     band : pandis.pipeline.kinds.band.Band
     seed : int
     count : int
         Number of sample points.
     """
 
-    def __init__(self, engine, surface, band, seed, count=MOST_SAMPLES):
-        self.engine, self.surface = engine, surface
+    def __init__(self, body, band, seed, count=MOST_SAMPLES):
+        self.engine, self.surface = body.distance, body.surface
         self.band = Band(*band)
         self.seed = seed
         self.targets = self._draw(count)

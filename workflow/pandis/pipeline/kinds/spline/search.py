@@ -35,7 +35,7 @@ class SplineMaker(Maker):
     def _fit(self):
         # a search over sizes draws samples once, for the largest size
         points, samples = self.points, samples_for(budget=self.most)
-        return SplineFit(points.engine, points.surface, self.band, points.seed, samples)
+        return SplineFit(points.body, self.band, points.seed, samples)
 
     def make(self, size):
         """See `Maker.make`."""

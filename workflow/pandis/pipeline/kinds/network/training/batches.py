@@ -90,14 +90,14 @@ def area_points(samples):
     return np.column_stack(columns).astype(np.float32)
 
 
-def vertex_points(surface, engine):
+def vertex_points(body):
     """Return the vertices, their distances (zero) and their normals (n, 7), float32.
 
     The normal at a mesh's vertex is the mean normal of its faces, weighted by their angles there
     (Thürmer and Wüthrich 1998). The vertices of a tessellation lie exactly on the closed form.
     """
-    points = surface.vertices
-    normal = engine.distance_and_normal(points)[1]
+    points = body.surface.vertices
+    normal = body.distance.distance_and_normal(points)[1]
     return np.column_stack([points, np.zeros(len(points)), normal]).astype(np.float32)
 
 

@@ -88,7 +88,7 @@ class Trainer:
         self.base = fit_base(strata.engine, options.base) if options.base else None
         if self.paper:
             if options.points == "vertices":
-                places = vertex_points(strata.surface, strata.engine)
+                places = vertex_points(strata.body)
             else:
                 places = area_points(samples)
             self.batches = surface_batches(places, self.base, batch, seed, self.device)
