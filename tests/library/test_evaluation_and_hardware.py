@@ -18,7 +18,7 @@ from pandis.pipeline.report.render import render
 from pandis.pipeline.report.tables import COLUMNS, summary_rows, to_csv
 from pandis.pipeline.run.ask.options import HardwareOptions, TimingOptions
 from pandis.pipeline.run.job.machine import describe
-from pandis.pipeline.run.job.stage import Progress, silent_progress
+from pandis.pipeline.run.job.stage import TimedReport, silent_progress
 from pandis.pipeline.run.records.evaluation import EvaluationRecord, Figures
 from pandis.pipeline.run.records.stress import StressRecord
 from pandis.pipeline.run.records.timing import TimingRecord
@@ -304,7 +304,7 @@ def test_progress_reports_rate_and_what_is_left(monkeypatch):
     now = [0.0]
     monkeypatch.setattr("pandis.pipeline.run.job.stage.time.monotonic", lambda: now[0])
     lines = []
-    progress = Progress(lines.append, "labels", 1000, "points")
+    progress = TimedReport(lines.append, "labels", 1000, "points")
     for second, done in ((1, 100), (6, 600), (7, 700), (10, 1000)):
         now[0] = second
         progress.update(done, "error 1")

@@ -73,6 +73,7 @@ def keep(
         Options of ``build_sdf``, including the method of finding signs.
     provenance : dict
     progress : callable
+        Called as ``progress(done, total)``, in points.
 
     Raises
     ------

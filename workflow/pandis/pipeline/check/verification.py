@@ -39,8 +39,7 @@ def verify(plan, log):
     Parameters
     ----------
     plan : pandis.pipeline.run.plan.plan.Plan
-    log : callable
-        Takes a line of text.
+    log : pandis.base.progress.Log
 
     Raises
     ------

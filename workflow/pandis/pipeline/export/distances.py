@@ -9,7 +9,7 @@ def with_distances(fields, log):
     Parameters
     ----------
     fields : list of pandis.runtime.field.NativeField
-    log : callable
+    log : pandis.base.progress.Log
 
     Raises
     ------

@@ -36,7 +36,7 @@ def export_mjcf(model, paths, drawn, size, log):
         Mesh of all fields, an ``.obj`` file.
     size : float
         Longest side of an object, m.
-    log : callable
+    log : pandis.base.progress.Log
 
     Raises
     ------

@@ -29,9 +29,8 @@ def export_newton(body, size, provenance, log, progress):
     size : float
         Longest side of the object, m.
     provenance : dict
-    log : callable
-    progress : callable
-        Makes a `pandis.pipeline.run.job.stage.Progress`.
+    log : pandis.base.progress.Log
+    progress : pandis.base.progress.Progress
 
     Raises
     ------

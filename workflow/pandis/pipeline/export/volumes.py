@@ -22,7 +22,7 @@ def export_volumes(paths, log):
     ----------
     paths : list of path-like
         Field files for ``pandis.h``.
-    log : callable
+    log : pandis.base.progress.Log
 
     Raises
     ------

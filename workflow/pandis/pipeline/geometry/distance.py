@@ -89,7 +89,7 @@ class MeshDistance:
         Parameters
         ----------
         points : ndarray, shape (n, 3), unit frame
-        progress : Progress, optional
+        progress : pandis.base.progress.Report, optional
             Receives the number of points done.
         check : bool
             As for `label`.

@@ -106,8 +106,7 @@ class Strata:
 
         Parameters
         ----------
-        progress : callable
-            Makes a `pandis.pipeline.run.job.stage.Progress`.
+        progress : pandis.base.progress.Progress
         """
         report, done = progress("points", self.count), 0
         for index, (name, (low, high)) in enumerate(self.ranges.items()):

@@ -27,8 +27,7 @@ def trace(body, options, seed, progress):
     body : pandis.pipeline.geometry.body.Body
     options : pandis.pipeline.run.ask.options.TrajectoryOptions
     seed : int or list of int
-    progress : callable
-        Makes a `pandis.pipeline.run.job.stage.Progress`.
+    progress : pandis.base.progress.Progress
 
     Returns
     -------

@@ -33,9 +33,8 @@ class Chooser:
     times : pandis.pipeline.run.plan.query_times.QueryTimes
     checkpoint : path-like
         File to which training saves its state.
-    progress : callable
-        Makes a `pandis.pipeline.run.job.stage.Progress`.
-    log : callable
+    progress : pandis.base.progress.Progress
+    log : pandis.base.progress.Log
     """
 
     def __init__(self, body, points, options, times, checkpoint, progress, log):

@@ -41,8 +41,8 @@ def try_scene(name, files, options, progress, log):
     files : list of Path
         ``results/{mesh}/export/{field}.pandis`` of all objects.
     options : pandis.pipeline.run.ask.tasks.SceneTask
-    progress, log : callable
-        Progress and log of a `pandis.pipeline.run.job.stage.Job`.
+    progress : pandis.base.progress.Progress
+    log : pandis.base.progress.Log
 
     Returns
     -------

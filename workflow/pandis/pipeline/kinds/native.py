@@ -141,7 +141,7 @@ def export_native(field, body, options, provenance, log):
         The field's body, against which the error of its distances is measured.
     options : pandis.pipeline.run.ask.options.NativeOptions
     provenance : dict
-    log : callable
+    log : pandis.base.progress.Log
 
     Raises
     ------

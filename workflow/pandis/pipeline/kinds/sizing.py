@@ -101,7 +101,7 @@ def search(maker, points, task, log):
     maker : Maker
     points : pandis.pipeline.geometry.points.Points
     task : pandis.pipeline.run.ask.kind.SearchTask
-    log : callable
+    log : pandis.base.progress.Log
 
     Returns
     -------

@@ -18,8 +18,7 @@ def build(options, source_file, log):
     options : pandis.pipeline.run.ask.tasks.MeshTask
     source_file : path-like or None
         The file to read if the workflow has fetched or found it; by default the source itself.
-    log : callable
-        Takes a line of text.
+    log : pandis.base.progress.Log
 
     Returns
     -------

@@ -39,7 +39,7 @@ class Ladder:
         The current mesh.
     options : pandis.pipeline.run.ask.options.MeshOptions
     seed : int
-    log : callable
+    log : pandis.base.progress.Log
     now : Diagnosis
         Diagnosis of the current mesh.
     rungs : list of dict

@@ -25,7 +25,7 @@ def named_in(reading, log):
     Parameters
     ----------
     reading : pandis.pipeline.mesh.formats.Reading
-    log : callable
+    log : pandis.base.progress.Log
 
     Returns
     -------
@@ -109,7 +109,7 @@ def regions_after(mesh, region, names, vertices, faces, log):
     names : list of str
     vertices, faces : ndarray
         The repaired mesh.
-    log : callable
+    log : pandis.base.progress.Log
 
     Returns
     -------

@@ -49,8 +49,7 @@ def repair(vertices: Vertices, faces: Faces, options, seed, log=print):
     faces : ndarray, shape (F, 3), int64
     options : pandis.pipeline.run.ask.options.MeshOptions
     seed : int
-    log : callable
-        Takes a line of text.
+    log : pandis.base.progress.Log
 
     Returns
     -------

@@ -47,8 +47,7 @@ def collect(meshes, threads, progress, note):
     meshes : dict of str to list of path-like
         The artifact of each repaired mesh and its files for ``pandis.h``.
     threads : int
-    progress : callable
-        Makes a `pandis.pipeline.run.job.stage.Progress`.
+    progress : pandis.base.progress.Progress
     note : callable
         Receives the path and the digest of every file that was read.
 

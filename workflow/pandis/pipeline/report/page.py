@@ -49,8 +49,7 @@ def mesh_sections(meshes, threads, progress, note):
         The paths of a mesh's artifacts and of its files for ``pandis.h``, and the names of its
         fields.
     threads : int
-    progress : callable
-        Makes a `pandis.pipeline.run.job.stage.Progress`.
+    progress : pandis.base.progress.Progress
     note : callable
         Receives the path and the digest of every artifact that was read.
 

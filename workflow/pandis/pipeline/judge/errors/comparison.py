@@ -23,8 +23,7 @@ def compare(fields, trajectory, options, progress):
     trajectory : dict of str to ndarray
         ``points``, ``distance`` and ``normal`` along the probe's path: exact, unit frame.
     options : pandis.pipeline.run.ask.tasks.EvaluateTask
-    progress : callable
-        Makes a `pandis.pipeline.run.job.stage.Progress`.
+    progress : pandis.base.progress.Progress
 
     Returns
     -------

@@ -56,8 +56,7 @@ def evaluate(fields, controls, trajectory, probe_sets, contacts, progress):
     probe_sets : dict of str to tuple
         By name: points, distance and normal, likewise.
     contacts : pandis.pipeline.geometry.measure.ContactSet
-    progress : callable
-        Makes a `pandis.pipeline.run.job.stage.Progress`.
+    progress : pandis.base.progress.Progress
 
     Returns
     -------

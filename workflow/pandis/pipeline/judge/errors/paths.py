@@ -60,8 +60,7 @@ def several(first, body, options, progress):
         Exact, unit frame.
     body : pandis.pipeline.geometry.body.Body
     options : pandis.pipeline.run.ask.tasks.EvaluateTask
-    progress : callable
-        Makes a `pandis.pipeline.run.job.stage.Progress`.
+    progress : pandis.base.progress.Progress
     """
     paths = [first]
     for index in range(1, options.paths):

@@ -35,8 +35,7 @@ def surface_errors(fields, engine, vertices, faces, progress):
         The exact distance of a `pandis.pipeline.geometry.body.Body`.
     vertices, faces : ndarray
         The mesh before coarsening, unit frame.
-    progress : callable
-        Makes a `pandis.pipeline.run.job.stage.Progress`.
+    progress : pandis.base.progress.Progress
 
     Returns
     -------

@@ -76,8 +76,8 @@ def validate_exports(exports, walls, oracle, trajectory, evaluation, mesh, optio
     mesh : str
         Name of the mesh.
     options : pandis.pipeline.run.ask.tasks.ValidateTask
-    progress, log : callable
-        Progress and log of a `pandis.pipeline.run.job.stage.Job`.
+    progress : pandis.base.progress.Progress
+    log : pandis.base.progress.Log
 
     Returns
     -------

@@ -223,8 +223,7 @@ class Suite:
         Parameters
         ----------
         field : pandis.pipeline.kinds.field.Field
-        progress : callable
-            Makes a `pandis.pipeline.run.job.stage.Progress`.
+        progress : pandis.base.progress.Progress
         first : bool
             Stop after the first question that the field fails.
         only : collection of str
@@ -309,8 +308,7 @@ def stress(fields, controls, suite, count, progress, proxies=True):
     suite : Suite
     count : int
         Number of processes that share the questions; the longest tasks start first.
-    progress : callable
-        Makes a `pandis.pipeline.run.job.stage.Progress`.
+    progress : pandis.base.progress.Progress
     proxies : bool
         Whether fields with a proxy are also tested through it.
 

@@ -34,7 +34,7 @@ class Torus(NamedTuple):
         See `pandis.pipeline.kinds.band.Band`.
     cuts : tuple
         Numbers of cuts of its tessellations.
-    progress : callable
+    progress : pandis.base.progress.Progress
     """
 
     points: Points
@@ -49,8 +49,7 @@ def calibrate(progress):
 
     Parameters
     ----------
-    progress : callable
-        Makes a `pandis.pipeline.run.job.stage.Progress`.
+    progress : pandis.base.progress.Progress
 
     Returns
     -------

@@ -37,8 +37,7 @@ def time_fields(fields, exports, natives, body, points, options, progress):
     body : pandis.pipeline.geometry.body.Body
     points : ndarray, shape (m, 3), unit frame
     options : pandis.pipeline.run.ask.options.TimingOptions
-    progress : callable
-        Makes a `pandis.pipeline.run.job.stage.Progress`.
+    progress : pandis.base.progress.Progress
 
     Returns
     -------
@@ -117,7 +116,7 @@ def time_program(path, mesh, points, options, figures, log):
         The mesh's artifact; the others as for `time_fields`.
     figures : dict
         The figures of all fields: percentiles ``libtorch_…_us`` are added to the field's.
-    log : callable
+    log : pandis.base.progress.Log
 
     Returns
     -------

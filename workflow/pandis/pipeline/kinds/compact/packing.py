@@ -36,7 +36,7 @@ def build_compact(body, bits, seed, log):
         Bits per coordinate.
     seed : int
         Seed of the points at which sides are compared.
-    log : callable
+    log : pandis.base.progress.Log
 
     Returns
     -------

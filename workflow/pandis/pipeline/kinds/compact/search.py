@@ -44,7 +44,7 @@ class Packer:
         Points of that body, on which candidates are compared.
     seed : int
         Seed of the points at which sides are compared.
-    log : callable
+    log : pandis.base.progress.Log
     """
 
     def __init__(self, body, points, seed, log):
@@ -162,7 +162,7 @@ class CompactSizing:
     body : pandis.pipeline.geometry.body.Body
     points : pandis.pipeline.geometry.points.Points
     task : pandis.pipeline.run.ask.kind.SearchTask
-    log : callable
+    log : pandis.base.progress.Log
     """
 
     def __init__(self, body, points, task, log):

@@ -49,8 +49,7 @@ class DenseGrid:
     size : int
         Nodes per axis.
     band : pandis.pipeline.kinds.band.Band
-    progress : callable
-        Makes a `pandis.pipeline.run.job.stage.Progress`.
+    progress : pandis.base.progress.Progress
     """
 
     def __init__(self, engine, content, size, band, progress):

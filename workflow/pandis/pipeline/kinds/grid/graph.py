@@ -139,7 +139,7 @@ def export_grid(name, artifact, provenance, log):
     artifact : pandis.pipeline.run.job.artifact.Artifact
         Artifact of kind ``grid``.
     provenance : dict
-    log : callable
+    log : pandis.base.progress.Log
 
     Raises
     ------

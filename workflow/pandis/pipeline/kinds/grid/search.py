@@ -24,8 +24,7 @@ class GridMaker(Maker):
     frame : pandis.base.frame.Frame
     band : tuple of float
         See `pandis.pipeline.kinds.band.Band`.
-    progress : callable
-        Makes a `pandis.pipeline.run.job.stage.Progress`.
+    progress : pandis.base.progress.Progress
     """
 
     sizes = (16, 20, 24, 28, 32, 40, 48, 56, 64, 80, 96, 112, 128, 160, 192, 224, 256)

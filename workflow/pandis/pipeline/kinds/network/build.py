@@ -54,8 +54,7 @@ def train(task, samples, strata, points, checkpoint, progress, log):
         See `pandis.pipeline.kinds.network.training.trainer.Trainer`.
     points : pandis.pipeline.geometry.points.Points
         Points on which the force error is measured.
-    progress : callable
-        Makes a `pandis.pipeline.run.job.stage.Progress`.
+    progress : pandis.base.progress.Progress
 
     Returns
     -------

@@ -77,7 +77,7 @@ def compare(answer, artifact, what, log):
         Artifact of kind ``model``.
     what : str
         Name of the export, for the log.
-    log : callable
+    log : pandis.base.progress.Log
 
     Raises
     ------
@@ -127,7 +127,7 @@ def export_network(name, artifact, provenance, log):
     artifact : pandis.pipeline.run.job.artifact.Artifact
         Artifact of kind ``model``.
     provenance : dict
-    log : callable
+    log : pandis.base.progress.Log
 
     Raises
     ------

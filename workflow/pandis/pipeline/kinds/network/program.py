@@ -115,7 +115,7 @@ def export_program(name, artifact, provenance, log):
     artifact : pandis.pipeline.run.job.artifact.Artifact
         Artifact of kind ``model``.
     provenance : dict
-    log : callable
+    log : pandis.base.progress.Log
 
     Raises
     ------

@@ -33,8 +33,7 @@ def build_planes(vertices, engine, progress):
     vertices : ndarray, shape (V, 3), unit frame
     engine : object
         The exact distance of a `pandis.pipeline.geometry.body.Body`.
-    progress : callable
-        Makes a `pandis.pipeline.run.job.stage.Progress`.
+    progress : pandis.base.progress.Progress
 
     Returns
     -------

@@ -117,8 +117,7 @@ class SplineFit:
             Nodes per axis of the fine lattice.
         budget : float or None
             Limit on the bytes; None keeps FINE_SHARE of the fine blocks near the surface.
-        progress : callable
-            Makes a `pandis.pipeline.run.job.stage.Progress`.
+        progress : pandis.base.progress.Progress
 
         Returns
         -------

@@ -18,8 +18,7 @@ class SplineMaker(Maker):
     frame : pandis.base.frame.Frame
     band : tuple of float
         See `pandis.pipeline.kinds.band.Band`.
-    progress : callable
-        Makes a `pandis.pipeline.run.job.stage.Progress`.
+    progress : pandis.base.progress.Progress
     most : int
         Bytes of the largest spline that may be requested.
     """

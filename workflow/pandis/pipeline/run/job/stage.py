@@ -259,17 +259,16 @@ class Job:
         self.log(f"wrote {path} ({len(data) / 1e6:.2f} MB)")
 
     def progress(self, what, total, unit="points"):
-        """Return a `Progress` that reports through this job's log."""
-        return Progress(self.log, what, total, unit)
+        """Return a `TimedReport` to this job's log."""
+        return TimedReport(self.log, what, total, unit)
 
 
-class Progress:
-    """Reports the progress of a long computation every few seconds.
+class TimedReport:
+    """Reports how much of a long computation is done, every few seconds.
 
     Parameters
     ----------
-    log : callable
-        Receives a line of text.
+    log : pandis.base.progress.Log
     what : str
         Name of the computation.
     total : float
@@ -304,5 +303,5 @@ class Progress:
 
 
 def silent_progress(what, total, unit="points"):
-    """Return a `Progress` that reports nothing, for use outside of a stage."""
-    return Progress(lambda text: None, what, total, unit)
+    """Return a `TimedReport` without a log, for use outside of a stage."""
+    return TimedReport(lambda text: None, what, total, unit)

@@ -50,8 +50,7 @@ def on_device(engine, device, log):
     engine : object
         The exact distance of a `pandis.pipeline.geometry.body.Body`.
     device : {"cpu", "cuda"}
-    log : callable
-        Takes a line of text.
+    log : pandis.base.progress.Log
     """
     if device != "cuda" or not isinstance(engine, MeshDistance):
         return engine

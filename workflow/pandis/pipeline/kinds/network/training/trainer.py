@@ -71,8 +71,7 @@ class Trainer:
         Draws fresh points for recipes that train on exact distances.
     checkpoint : path-like
         File for the state of an unfinished run.
-    log : callable
-        Takes a line of text.
+    log : pandis.base.progress.Log
     """
 
     def __init__(self, task, samples, strata, checkpoint, log):
@@ -183,8 +182,7 @@ class Trainer:
 
         Parameters
         ----------
-        progress : callable
-            Makes a `pandis.pipeline.run.job.stage.Progress`.
+        progress : pandis.base.progress.Progress
 
         Returns
         -------
