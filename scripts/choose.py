@@ -12,7 +12,7 @@ with stage(snakemake, ChooseTask) as job:
     mesh, times = job.read("mesh", "mesh"), QueryTimes(job.note_file(job.input.times))
     body = Body.open(mesh)
     points = Points(body, Scale.of(job.options), job.options.seed)
-    where = job.checkpoint(), job.progress, job.log
-    arrays, attributes, finish = Chooser(body, points, job.options, times, *where).choose()
+    chooser = Chooser(points, job.options, times, context=job.context())
+    arrays, attributes, finish = chooser.choose()
     job.write("choice", arrays, attributes | body.frame.attributes())
     finish()

@@ -13,7 +13,7 @@ with stage(snakemake, SummaryTask) as job:
     meshes = {mesh: [] for mesh in job.options.fields}
     for path in job.input:
         meshes[Path(path).relative_to(folder).parts[0]].append(path)
-    rows = collect(meshes, job.threads, job.progress, job.note_digest)
+    rows = collect(meshes, job.threads, job.progress, note=job.note_digest)
     table = to_csv(rows).encode()
     # the page's seal covers the table beside it
     why = job.provenance() | {"table": hashlib.sha256(table).hexdigest()}

@@ -9,5 +9,5 @@ with stage(snakemake, EvaluateTask) as job:
     mesh = job.read("mesh", "mesh")
     trajectory = job.read("trajectory", "trajectory").arrays
     fields = open_fields(job.options.fields, mesh, map(job.read_input, job.input.fields))
-    arrays, attributes = compare(fields, trajectory, job.options, job.progress)
+    arrays, attributes = compare(fields, trajectory, job.options, progress=job.progress)
     job.write("evaluation", arrays, attributes | fields.body.frame.attributes())

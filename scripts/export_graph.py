@@ -9,4 +9,4 @@ with stage(snakemake, ExportTask) as job:
     name, artifact = job.options.field, job.read_path(job.input.artifact)
     exports = kind_module(known_field(name).kind, "exports").EXPORTS
     export = exports[snakemake.wildcards.ending]
-    job.write_file(export(name, artifact, job.provenance(), job.log))
+    job.write_file(export(name, artifact, job.provenance(), log=job.log))

@@ -8,5 +8,5 @@ from pandis.pipeline.run.job.stage import stage
 with stage(snakemake, ExportMjcfTask) as job:
     files = [job.note_file(path) for path in job.input.exports]
     drawn = job.note_file(job.input.drawn)
-    text = export_mjcf(job.mesh, files, drawn, job.options.size, job.log)
+    text = export_mjcf(job.mesh, files, drawn, size=job.options.size, log=job.log)
     job.write_file(seal(text.encode(), job.provenance(), ".xml"))

@@ -11,4 +11,4 @@ with stage(snakemake, ExportNativeTask) as job:
     task, name = job.options, job.options.field
     field = open_field(known_field(name), job.read_path(job.input.artifact))
     body = Body.open(job.read("mesh", "mesh"))
-    job.write_file(export_native(field, body, task, job.provenance(), job.log))
+    job.write_file(export_native(field, body, task, provenance=job.provenance(), log=job.log))

@@ -7,4 +7,6 @@ from pandis.pipeline.run.job.stage import stage
 
 with stage(snakemake, ExportNewtonTask) as job:
     body = Body.open(job.read("mesh", "mesh"))
-    job.write_file(export_newton(body, job.options.size, job.provenance(), job.log, job.progress))
+    job.write_file(
+        export_newton(body, job.options.size, job.provenance(), log=job.log, progress=job.progress)
+    )

@@ -11,5 +11,5 @@ with stage(snakemake, ExportPageTask) as job:
     stiffness = min(job.options.stiffness, STIFFEST)
     if stiffness < job.options.stiffness:
         job.log(f"the page starts at {stiffness:g} N/m, the largest stiffness that it supports")
-    text = page(job.mesh, fields, job.options.size, stiffness)
+    text = page(job.mesh, fields, job.options.size, stiffness=stiffness)
     job.write_file(seal(text.encode(), job.provenance(), ".html"))

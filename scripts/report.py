@@ -13,7 +13,7 @@ with stage(snakemake, SummaryTask) as job:
         mesh: ([path for path in job.input if folder / mesh in Path(path).parents], fields)
         for mesh, fields in job.options.fields.items()
     }
-    sections = mesh_sections(meshes, job.threads, job.progress, job.note_digest)
+    sections = mesh_sections(meshes, job.threads, job.progress, note=job.note_digest)
     job.write_file(seal(build(sections).encode(), job.provenance(), ".html"))
     # no mesh is left out any more: remove the list that an earlier run wrote
     Path(job.output[0]).with_name("refused.json").unlink(missing_ok=True)

@@ -10,4 +10,6 @@ with stage(snakemake, SampleTask) as job:
     body = Body.open(mesh)
     strata = Strata(body, job.options, job.options.seed)
     attributes = strata.attributes() | body.frame.attributes()
-    job.write_pieces("samples", strata.columns(), strata.shards(job.progress), attributes)
+    job.write_pieces(
+        "samples", strata.columns(), strata.shards(job.progress), attributes=attributes
+    )

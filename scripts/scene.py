@@ -7,7 +7,9 @@ from pandis.pipeline.run.job.stage import stage
 with stage(snakemake, SceneTask) as job:
     files = [job.note_file(path) for path in job.input.fields]
     name = snakemake.wildcards.scene
-    arrays, attributes, text = try_scene(name, files, job.options, job.progress, job.log)
+    arrays, attributes, text = try_scene(
+        name, files, job.options, progress=job.progress, log=job.log
+    )
     job.write("scene", arrays, attributes)
     job.write_file(text.encode(), index=1)
     job.write_file(attributes["header"].encode(), index=2)

@@ -10,10 +10,10 @@ from pandis.pipeline.run.job.stage import stage
 with stage(snakemake, StressTask) as job:
     mesh = job.read("mesh", "mesh")
     fields = open_fields(job.options.fields, mesh, map(job.read_input, job.input.fields))
-    suite = Suite(fields.body, Scale.of(job.options), job.options, job.options.seed)
+    suite = Suite(fields.body, Scale.of(job.options), job.options, seed=job.options.seed)
     tried = controls(fields.exact, suite.scale)
     arrays, attributes = stress(
-        fields, tried, suite, job.threads, job.progress, proxies=job.options.proxies
+        fields, tried, suite, count=job.threads, progress=job.progress, proxies=job.options.proxies
     )
     for key, how in (("failed", ""), ("proxies_failed", " through a proxy")):
         for name, failed in attributes[key].items():

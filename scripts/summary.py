@@ -8,4 +8,4 @@ with stage(snakemake, SummaryTask) as job:
     inputs = job.input
     columns = (inputs.evaluations, inputs.timings, inputs.stresses, inputs.hardware)
     read = ([job.read_path(path) for path in column] for column in columns)
-    job.write_file(to_csv(summarise(*read)).encode())
+    job.write_file(to_csv(summarise(read)).encode())

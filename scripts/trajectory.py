@@ -9,7 +9,7 @@ with stage(snakemake, TrajectoryTask) as job:
     mesh = job.read("mesh", "mesh")
     body = Body.open(mesh)
     seed = job.options.seed
-    arrays, attributes = trace(body, job.options, seed, job.progress)
+    arrays, attributes = trace(body, job.options, seed, progress=job.progress)
     if attributes["followed"]:
         job.log(attributes["followed"])
     job.write("trajectory", arrays, attributes | body.frame.attributes())

@@ -21,7 +21,7 @@ from pandis.pipeline.run.ask.catalogue import parse_field
 from pandis.pipeline.run.ask.recipes import RECIPES
 from pandis.pipeline.run.job.artifact import Artifact
 from pandis.pipeline.run.job.stage import silent_progress
-from pandis.runtime.field import COMPACT, NativeField
+from pandis.runtime.field import NativeField
 from pandis.runtime.field.files import pack
 
 #: Unit frame, inside and outside: of the splines and of the grids.
@@ -54,14 +54,14 @@ def file_of(body, name):
         return native_bytes(field, {}, safe=_safe(field, engine))
     kind, size = re.fullmatch(r"(.*)-(\d+)K?", name).groups()
     if kind == "compact":
-        return pack(COMPACT, UNIT, *file_parts(*pack_body(body, int(size))), {}, 3)
+        return pack(UNIT, file_parts(*pack_body(body, int(size))), {}, version=3)
     if kind == "network":
         return _network_of(body, {"width": 32}, int(size))
     if kind == "pandis-exact":
         return _network_of(body, RECIPES[kind], int(size))
     if kind == "spline":
         budget = 1000 * int(size)
-        fit = SplineFit(body, BAND, 0, samples_for(budget=budget))
+        fit = SplineFit(body, BAND, 0, count=samples_for(budget=budget))
         made = fit.build(fit.choose_size(budget), budget, silent_progress)
         field = _opened("spline-auto", *made)
     else:
@@ -72,7 +72,7 @@ def file_of(body, name):
 def file_of_grid(body, name, steep=1):
     """Return the bytes of a grid's file, with its values multiplied by `steep`."""
     kind, _, size = name.rpartition("-")
-    grid = DenseGrid(body.distance, CONTENTS[kind], int(size), WIDE, silent_progress)
+    grid = DenseGrid(body.distance, CONTENTS[kind], int(size), band=WIDE, progress=silent_progress)
     values = np.float32(steep) * np.concatenate(list(grid.slabs(32)))
     field = _opened(name, {"values": values}, grid.attributes())
     return native_bytes(field, {}, safe=_safe(field, body.distance))

@@ -72,8 +72,8 @@ def is_quiet(model, device, hand, place, stiffness, held):
     limits.most_damping = 0.0
     every = round(STEP / period)
     order = bridge.in_step(ticks, limits, period, armed=True, hold=every if held else 1)
-    made = device.simulated(*hand, 0, period, stiffness)
-    run = run_simulated(made, start, rest, press, order)
+    made = device.simulated(hand, delay=0, period=period, wall=stiffness)
+    run = run_simulated(made, start, rest, press=press, order=order)
     path = run.path[wait + (len(run.path) - wait) * 2 // 3 :]
     touched = run.force[len(run.force) * 2 // 3 :].any(axis=1).mean() > 0.5
     return run.cause == DONE and touched and shaking(path, period) < QUIET

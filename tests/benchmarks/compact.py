@@ -28,7 +28,7 @@ from pandis.pipeline.kinds.field import CUT, ExactField
 from pandis.pipeline.kinds.native import native_bytes
 from pandis.pipeline.run.ask.options import TrajectoryOptions
 from pandis.pipeline.run.job.stage import silent_progress
-from pandis.runtime.field import COMPACT, NativeField
+from pandis.runtime.field import NativeField
 from pandis.runtime.field.files import pack
 
 COLUMNS = (
@@ -68,18 +68,18 @@ def main(count):
     for mesh, source in SCANS.items():
         body = Body(*load(source), UNIT)
         sets = probes(body, 50_000, seed=1)
-        contacts = draw_contacts(body, scale, 50_000, np.random.default_rng(1))
+        contacts = draw_contacts(body, scale, 50_000, rng=np.random.default_rng(1))
         options = TrajectoryOptions()
-        path, _ = trace(body, options, 1, silent_progress)
+        path, _ = trace(body, options, 1, progress=silent_progress)
         box = np.random.default_rng(2).uniform(-1, 1, (2000, 3))
         exact = NativeField(native_bytes(ExactField("exact", body), {}))
         for bits in BITS:
             start = time.perf_counter()
-            arrays, record = build_compact(body, bits, 0, lambda text: None)
+            arrays, record = build_compact(body, bits, 0, log=lambda text: None)
             row = {"mesh": mesh, "bits": bits, "faces": record.faces}
             row["build_s"] = time.perf_counter() - start
             row["bytes"] = sum(part.nbytes for part in arrays.values()) / record.faces
-            field = NativeField(pack(COMPACT, UNIT, *file_parts(arrays, record), {}, 3))
+            field = NativeField(pack(UNIT, file_parts(arrays, record), {}, version=3))
             for name, (points, distance, normal) in sets.items():
                 off = forces(field)(points) - penalty_force(distance, normal)
                 row[name] = float(np.linalg.norm(off, axis=1).mean())

@@ -40,7 +40,7 @@ COLUMNS = (
 def slides(body, step):
     """Return the path (n, 3) of a probe that goes along a trajectory below the surface, m."""
     options = TrajectoryOptions(samples=4000, step=step)
-    seen = trace(body, options, 1, silent_progress)[0]
+    seen = trace(body, options, 1, progress=silent_progress)[0]
     points, normals = seen["points"], seen["normal"]
     above = points - seen["distance"][:, None] * normals
     down = np.linspace(0.05, -DEPTH, 60)[:, None]

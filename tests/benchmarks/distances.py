@@ -96,7 +96,9 @@ def grid_seconds(vertices, faces, size):
     took = []
     for _ in range(3 if size < 512 else 1):
         start = time.perf_counter()
-        grid = DenseGrid(MeshDistance(vertices, faces), "distance", size, BAND, silent_progress)
+        grid = DenseGrid(
+            MeshDistance(vertices, faces), "distance", size, band=BAND, progress=silent_progress
+        )
         for _ in grid.slabs(32):
             pass
         took.append(time.perf_counter() - start)
@@ -141,7 +143,9 @@ def sample_memory(vertices, faces):
 
 def grid_memory(vertices, faces):
     """Write the 512³ distance grid of the Bunny."""
-    grid = DenseGrid(MeshDistance(vertices, faces), "distance", 512, BAND, silent_progress)
+    grid = DenseGrid(
+        MeshDistance(vertices, faces), "distance", 512, band=BAND, progress=silent_progress
+    )
     path = Path(tempfile.mkdtemp()) / "grid.zarr.zip"
     with ArtifactWriter(path, "grid") as writer:
         writer.declare("values", **grid.column(32))

@@ -41,7 +41,9 @@ SPLINES = (100_000, 200_000, 400_000, 800_000, 1_600_000)
 
 def dense(vertices, faces, kind, size, path):
     """Bake a grid as the workflow does; return its arrays and attributes."""
-    grid = DenseGrid(MeshDistance(vertices, faces), CONTENTS[kind], size, BAND, silent_progress)
+    grid = DenseGrid(
+        MeshDistance(vertices, faces), CONTENTS[kind], size, band=BAND, progress=silent_progress
+    )
     with ArtifactWriter(path, "grid") as writer:
         writer.declare("values", **grid.column(32))
         slabs = list(grid.slabs(32))
@@ -53,9 +55,9 @@ def dense(vertices, faces, kind, size, path):
 
 def spline(vertices, faces, budget, path):
     """Fit a spline as the workflow does; return its arrays and attributes."""
-    fit = SplineFit(Body(vertices, faces, UNIT), BAND, 0, samples_for(budget=budget))
+    fit = SplineFit(Body(vertices, faces, UNIT), BAND, 0, count=samples_for(budget=budget))
     arrays, attributes = fit.build(fit.choose_size(budget), budget, silent_progress)
-    write_artifact(path, "grid", arrays, attributes, {})
+    write_artifact(path, "grid", arrays, attributes=attributes, provenance={})
     return arrays, attributes
 
 

@@ -55,10 +55,12 @@ class Measure:
         self.scan = scan = Scan(path)
         self.engine = scan.strata.engine
         scale = Scale.of(DeviceOptions())
-        self.contacts = draw_contacts(scan.body, scale, POINTS, np.random.default_rng(4), even=True)
+        self.contacts = draw_contacts(
+            scan.body, scale, POINTS, rng=np.random.default_rng(4), even=True
+        )
         self.paths = []
         for seed in SEEDS:
-            path, _ = trace(scan.body, TrajectoryOptions(), seed, silent_progress)
+            path, _ = trace(scan.body, TrajectoryOptions(), seed, progress=silent_progress)
             self.paths.append(tuple(path[key] for key in ("points", "distance", "normal")))
 
     def figures(self, field):

@@ -64,16 +64,18 @@ def fields(vertices, faces):
     body = Body(vertices, faces, UNIT)
     yield "exact", "exact", ExactField("exact", body)
     for kind in ("nearest", "trilinear", "tricubic"):
-        made = DenseGrid(body.distance, CONTENTS[kind], 64, (0.045, 0.02), silent_progress)
+        made = DenseGrid(
+            body.distance, CONTENTS[kind], 64, band=(0.045, 0.02), progress=silent_progress
+        )
         values = {"values": np.concatenate(list(made.slabs(64)))}
         held = Artifact(None, "grid", values, made.attributes() | UNIT_AT, {}, "")
         yield f"{kind}-64", kind, open_field(parse_field(f"{kind}-64", ()), held)
-    fitted = SplineFit(body, (0.045, 0.02), 0, samples_for(budget=800_000))
+    fitted = SplineFit(body, (0.045, 0.02), 0, count=samples_for(budget=800_000))
     arrays, attributes = fitted.build(fitted.choose_size(800_000), 800_000, silent_progress)
     held = Artifact(None, "grid", arrays, attributes | UNIT_AT, {}, "")
     yield "spline-auto", "spline", open_field(parse_field("spline-auto", ()), held)
     for outputs in (4, 1):
-        network = Siren(256, 4, 30.0, outputs, torch.Generator().manual_seed(0))
+        network = Siren(256, 4, 30.0, outputs=outputs, generator=torch.Generator().manual_seed(0))
         shape = {"width": 256, "depth": 4, "omega": 30.0, "outputs": outputs}
         weights = named_arrays(list(network.parameters()))
         held = Artifact(None, "model", weights, UNIT_AT | {"architecture": shape}, {}, "")
@@ -112,7 +114,7 @@ def floors():
 def compiled_plainly():
     """Return what asks pandis.h, as a user compiles it who gives no flags but -O2."""
     command = [find_compiler(), "-std=c99", "-O2", "-fPIC", "-shared"]
-    return declared(ctypes.CDLL(build(command, SOURCE, ["-lm", "-lpthread"], "plain.so")))
+    return declared(ctypes.CDLL(build(command, SOURCE, ["-lm", "-lpthread"], name="plain.so")))
 
 
 def one_by_one(answer, points):
@@ -146,7 +148,7 @@ def ways(vertices, faces):
     path = {}
     for name, kind, field in fields(vertices, faces):
         if name == "exact":
-            path, _ = trace(field.body, TrajectoryOptions(), 2, silent_progress)
+            path, _ = trace(field.body, TrajectoryOptions(), 2, progress=silent_progress)
         points = path["points"]
         network = not isinstance(kind, str)
         for bits in (32, 16) if network else (32,):

@@ -22,6 +22,7 @@ import yaml
 from bodies import UNIT
 
 from pandis.base.physical import Scale
+from pandis.base.progress import Context
 from pandis.pipeline.geometry.body import Body
 from pandis.pipeline.geometry.shares import MISSING_LIMIT
 from pandis.pipeline.geometry.strata import Strata
@@ -32,6 +33,7 @@ from pandis.pipeline.kinds.field import ExactField
 from pandis.pipeline.kinds.native import native_bytes
 from pandis.pipeline.kinds.network.reference import SirenField
 from pandis.pipeline.kinds.network.spec import TrainTask
+from pandis.pipeline.kinds.network.training.batches import TrainingPoints
 from pandis.pipeline.kinds.network.training.trainer import Trainer
 from pandis.pipeline.run.ask.options import SampleOptions
 from pandis.pipeline.run.ask.recipes import RECIPES, ExactRecipe
@@ -66,8 +68,9 @@ def train(body, recipe, checkpoint):
     arrays = strata.arrays(silent_progress)
     samples = Artifact(None, "samples", arrays, strata.attributes(), {}, "")
     task = TrainTask(kind="network", name=RECIPE, recipe=recipe, seed=SEED)
-    trainer = Trainer(task, samples, strata, checkpoint, lambda text: None)
-    arrays, attributes = trainer.run(silent_progress)
+    context = Context(checkpoint, silent_progress, lambda text: None)
+    trainer = Trainer(task, TrainingPoints(samples, strata), context)
+    arrays, attributes = trainer.run()
     model = Artifact(None, "model", arrays, attributes | UNIT.attributes(), {}, "")
     return SirenField(RECIPE, model), trainer
 

@@ -22,7 +22,7 @@ TOUCH, ROUNDS, WAY = "document.querySelector('section.touch')", 10, 150
 def driven(file, folder):
     """Press and slide to and fro; return the page's figures."""
     page = folder / "touch.html"
-    write_page(page, [file], 0.1, 400.0)
+    write_page(page, [file], 0.1, stiffness=400.0)
     with Browser(folder) as browser:
         browser.open(page)
         browser.until(f"{TOUCH}.dataset.ticks > 500")

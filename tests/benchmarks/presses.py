@@ -86,8 +86,8 @@ def places_on(vertices, faces, which, count, rng):
 def pressed(field, spec, oracle, presses, error):
     """Return the columns of one field on one device."""
     stiffness = min(spec.stiffness, STIFFEST)
-    proxy = list(run(field, spec, SIZE, stiffness, presses, Feel()))
-    penalty = list(run(field, spec, SIZE, stiffness, presses))
+    proxy = list(run(field, spec, SIZE, stiffness=stiffness, presses=presses, feel=Feel()))
+    penalty = list(run(field, spec, SIZE, stiffness=stiffness, presses=presses))
     judged, other = judge(proxy, oracle, error), judge(penalty, oracle, error, detours=False)
     return {
         "stiffness_n_m": stiffness, "presses": judged.presses, "passes": judged.passed,
@@ -117,9 +117,9 @@ def main(wanted, networks=None):
                 rows.append(row)
                 continue
             for device, spec in DEVICES.items():
-                feet, outward = places_on(vertices * metres, faces, which, count[kind], rng)
+                places = places_on(vertices * metres, faces, which, count[kind], rng)
                 stiffness = min(spec.stiffness, STIFFEST)
-                presses = draw(feet, outward, spec, stiffness, SLANT, rng, above)
+                presses = draw(places, spec, stiffness, slant=SLANT, rng=rng, above=above)
                 presses = free_starts(presses, oracle, above)
                 starts = np.array([press.start for press in presses]) / metres
                 row["ghosts"] = int((field.query(starts).distance <= 0).sum())

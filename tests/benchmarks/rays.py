@@ -49,7 +49,7 @@ def steps(answer, body, rays=RAYS):
 
 def fitted(body, budget=BYTES):
     """Return the spline of a budget of bytes."""
-    fit = SplineFit(body, (0.045, 0.02), 7, samples_for(budget=budget))
+    fit = SplineFit(body, (0.045, 0.02), 7, count=samples_for(budget=budget))
     arrays, attributes = fit.build(fit.choose_size(budget), budget, silent_progress)
     attributes |= UNIT.attributes()
     return SplineField("spline-auto", Artifact(None, "grid", arrays, attributes, {}, ""))

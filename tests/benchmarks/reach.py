@@ -21,7 +21,7 @@ from pandis.pipeline.kinds.field import ExactField
 from pandis.pipeline.kinds.native import native_bytes
 from pandis.pipeline.run.ask.options import TrajectoryOptions
 from pandis.pipeline.run.job.stage import silent_progress
-from pandis.runtime.field import COMPACT, NativeField
+from pandis.runtime.field import NativeField
 from pandis.runtime.field.files import pack
 
 TURNS, QUERIES, REACH = 5, 8000, 0.05
@@ -31,7 +31,7 @@ REPEATS, PLACES = 60, 400
 def path_of(body, step):
     """Return the points of a path with such steps."""
     options = TrajectoryOptions(samples=4000, step=step)
-    return trace(body, options, 1, silent_progress)[0]["points"]
+    return trace(body, options, 1, progress=silent_progress)[0]["points"]
 
 
 def with_the_distance(field, points):
@@ -51,7 +51,7 @@ def main():
         path, fast = path_of(body, 0.004), path_of(body, 0.009)
         box = np.random.default_rng(2).uniform(-1, 1, (4000, 3))
         exact = NativeField(native_bytes(ExactField("exact", body), {}))
-        packed = NativeField(pack(COMPACT, UNIT, *file_parts(*pack_body(body, 16)), {}, 3))
+        packed = NativeField(pack(UNIT, file_parts(*pack_body(body, 16)), {}, version=3))
         cases = {
             "path": (path, {}),
             "fast path": (fast, {}),

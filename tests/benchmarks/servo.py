@@ -51,9 +51,9 @@ def main(seconds=60.0):
     fields = {path.stem: NativeField(path) for path in sorted((HOME / "export").glob("*.pandis"))}
     rows, ticks = [], round(seconds * RATE)
     for name, field in ({"clock alone": None} | fields).items():
-        rows.append(row(name, "none", run_ticks(field, points, ticks, RATE)))
+        rows.append(row(name, "none", run_ticks(field, points, ticks, rate=RATE)))
         with busy_cores():
-            rows.append(row(name, "every core", run_ticks(field, points, ticks // 6, RATE)))
+            rows.append(row(name, "every core", run_ticks(field, points, ticks // 6, rate=RATE)))
         print(*(f"{k} {v}" for k, v in rows[-2].items()), file=sys.stderr, flush=True)
     write("servo", COLUMNS, rows)
 

@@ -253,7 +253,7 @@ def errors(model, part):
     force = force_of(model, part)
     wanted = np.maximum(-distance, 0)[:, None] * normal
     rng, scale = np.random.default_rng(1), Scale(0.1, 400.0)
-    contacts = contact_errors(force, draw_contacts(part.body, scale, 20_000, rng))
+    contacts = contact_errors(force, draw_contacts(part.body, scale, 20_000, rng=rng))
     return {"shallow": 1e3 * float(np.linalg.norm(force(points) - wanted, axis=1).mean()),
             "contact_mn": 1e3 * next(iter(contacts.values()))["newtons"]}  # fmt: skip
 

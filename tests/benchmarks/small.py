@@ -35,7 +35,7 @@ BAND = 0.045, 0.02
 
 def packed(body, points, budget):
     """Return a compact mesh of so many bytes at most, and what is told of it."""
-    made = Packer(body, points, 1, lambda text: None).within(budget)
+    made = Packer(points, 1, lambda text: None).within(budget)
     if made is None:
         return None, {}
     record = made.field.record
@@ -45,7 +45,7 @@ def packed(body, points, budget):
 
 def splined(body, points, budget):
     """Return a spline of so many bytes at most, and what is told of it."""
-    made = SplineMaker(points, body.frame, BAND, silent_progress, budget).make(budget)
+    made = SplineMaker(points, BAND, silent_progress, most=budget).make(budget)
     return (made.force, {"bytes": made.field.bytes}) if made else (None, {})
 
 

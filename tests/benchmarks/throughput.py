@@ -21,11 +21,14 @@ import torch
 from common import notes
 from training import Scan, log
 
+from pandis.base.progress import Context
 from pandis.pipeline.kinds.network.spec import TrainTask
+from pandis.pipeline.kinds.network.training.batches import TrainingPoints
 from pandis.pipeline.kinds.network.training.exact_loss import exact_loss
 from pandis.pipeline.kinds.network.training.products import product
 from pandis.pipeline.kinds.network.training.trainer import Trainer
 from pandis.pipeline.run.ask.recipes import ExactRecipe
+from pandis.pipeline.run.job.stage import silent_progress
 
 TURNS = 7
 #: Products per step: forward, gradient, and four backward through both; two operations each.
@@ -53,7 +56,7 @@ class Plain:
             h = torch.sin(self.omega * layer(h))
         phi = self.layers[-1](h)[:, 0]
         (direction,) = torch.autograd.grad(phi.sum(), points, create_graph=True)
-        loss = exact_loss(phi, direction, rows[:, 3], rows[:, 4:7], self.options)
+        loss = exact_loss(phi, direction, rows[:, 3], normal=rows[:, 4:7], options=self.options)
         self.optimiser.zero_grad()
         loss.backward()
         self.optimiser.step()
@@ -122,7 +125,8 @@ def main(folder, table, device="cpu"):
     scan = Scan(Path(folder) / "bunny.npz")
     options = ExactRecipe(steps=10**6, device=device, threads=2)
     task = TrainTask(kind="network", name="pandis-exact", recipe=options, seed=1)
-    trainer = Trainer(task, scan.samples, scan.strata, Path(table).with_suffix(".pt"), log)
+    context = Context(Path(table).with_suffix(".pt"), silent_progress, log)
+    trainer = Trainer(task, TrainingPoints(scan.samples, scan.strata), context)
     batch, per_block = options.batch, trainer.batches.per_block
     works = works_of(trainer, options, device)
     for work, steps in works.values():

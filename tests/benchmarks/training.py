@@ -38,12 +38,14 @@ from runs import expand
 from pandis.base.errors import PandisError
 from pandis.base.forces import penalty_force
 from pandis.base.frame import UNIT
+from pandis.base.progress import Context
 from pandis.pipeline.geometry.body import Body
 from pandis.pipeline.geometry.sampling import probes
 from pandis.pipeline.geometry.strata import Strata
 from pandis.pipeline.geometry.trajectories import trace
 from pandis.pipeline.kinds.network.reference import SirenField
 from pandis.pipeline.kinds.network.spec import TrainTask
+from pandis.pipeline.kinds.network.training.batches import TrainingPoints
 from pandis.pipeline.kinds.network.training.trainer import Trainer
 from pandis.pipeline.run.ask.options import SampleOptions, TrajectoryOptions
 from pandis.pipeline.run.ask.recipes import RECIPES, ExactRecipe, PaperRecipe
@@ -72,7 +74,7 @@ class Scan:
         distance, normal = body.distance.distance_and_normal(box)
         core = distance < -law.depth
         self.free, self.core = box[distance > 0], (box[core], distance[core], normal[core])
-        path, _ = trace(body, TrajectoryOptions(), 2, silent_progress)
+        path, _ = trace(body, TrajectoryOptions(), 2, progress=silent_progress)
         self.sets["trajectory"] = tuple(path[key] for key in ("points", "distance", "normal"))
 
     def errors(self, field):
@@ -143,9 +145,10 @@ class Training:
         """Train it; return a row of the table, or None if there was no time to end, or no end."""
         scan = self.scans[self.mesh]
         strata = scan.paper_strata if "law" in self.changes else scan.strata
-        trainer = Trainer(self.task, scan.samples, strata, self.checkpoint, log)
+        context = Context(self.checkpoint, partial(_Until, deadline), log)
+        trainer = Trainer(self.task, TrainingPoints(scan.samples, strata), context)
         try:
-            arrays, attributes = trainer.run(partial(_Until, deadline))
+            arrays, attributes = trainer.run()
         except OutOfTimeError:
             trainer.keep()
             log(f"{self.checkpoint.stem}: {trainer.step:,} steps in {trainer.elapsed:.0f} s")

@@ -31,6 +31,7 @@ sys.path.insert(0, str(ROOT / "tests/helpers"))
 from pandis.base.errors import PandisError
 from pandis.base.frame import UNIT_SIDE
 from pandis.base.physical import Scale
+from pandis.base.progress import Context
 from pandis.pipeline.geometry.body import Body
 from pandis.pipeline.geometry.points import Points
 from pandis.pipeline.judge.choice import Chooser
@@ -189,8 +190,8 @@ def choose(combination, mesh, body, folder):
     )
     task = STAGES["choose"].options(PlannedJob("choose", str(combination), entry, {}))
     points = Points(body, Scale.of(task), task.seed)
-    where = Path(folder) / "choice.pt", silent_progress, lambda text: None
-    arrays, attributes, finish = Chooser(body, points, task, times, *where).choose()
+    context = Context(Path(folder) / "choice.pt", silent_progress, lambda text: None)
+    arrays, attributes, finish = Chooser(points, task, times, context=context).choose()
     finish()
     attributes |= body.frame.attributes()
     held = Artifact(Path("choice.zarr.zip"), "choice", arrays, attributes, {}, "")
@@ -198,7 +199,7 @@ def choose(combination, mesh, body, folder):
     # exact is kept with the mesh's vertices and faces, as the mesh is
     field, options = open_field(spec, held), NativeOptions(weight_bits=task.weight_bits)
     path = Path(folder) / "auto.pandis"
-    path.write_bytes(export_native(field, body, options, {}, lambda text: None))
+    path.write_bytes(export_native(field, body, options, provenance={}, log=lambda text: None))
     chosen = attributes["choice"]
     return NativeField(path), f"{chosen['field']}, {chosen['bytes']:,} bytes", task
 
@@ -308,7 +309,7 @@ def measure(combination, presses):
         feet, outward = feet[some], outward[some]
         rooms = [wall.room(*place) for place in zip(feet, outward, strict=True)]
         exact = export_native(
-            ExactField("exact", body), body, NativeOptions(), {}, lambda text: None
+            ExactField("exact", body), body, NativeOptions(), provenance={}, log=lambda text: None
         )
         files = {"told": (field, error), "exact": (NativeField(exact), 0.0)}
         for key, (file, off) in files.items():

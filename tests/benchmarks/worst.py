@@ -23,7 +23,7 @@ from pandis.pipeline.kinds.compact.file import file_parts
 from pandis.pipeline.kinds.compact.packing import build_compact
 from pandis.pipeline.kinds.field import ExactField
 from pandis.pipeline.kinds.native import native_bytes
-from pandis.runtime.field import COMPACT, NativeField
+from pandis.runtime.field import NativeField
 from pandis.runtime.field.files import pack
 
 COLUMNS = (
@@ -88,7 +88,7 @@ def hard_points(rng):
 
 def contact_points(body, rng):
     """Return the points of a contact set, shallow and deep."""
-    contacts = draw_contacts(body, Scale(0.1, 400.0), CONTACTS, rng)
+    contacts = draw_contacts(body, Scale(0.1, 400.0), CONTACTS, rng=rng)
     return np.concatenate([part.points for part in contacts.sets.values()])
 
 
@@ -110,10 +110,10 @@ def main():
         body = Body(*joined(vertices, faces), UNIT)
         hard, box = hard_points(rng)
         contacts, many = contact_points(body, rng), rng.uniform(-1, 1, (BOX, 3))
-        packed = file_parts(*build_compact(body, 16, 0, lambda text: None))
+        packed = file_parts(*build_compact(body, 16, 0, log=lambda text: None))
         fields = {
             "exact": native_bytes(ExactField("exact", body), {}),
-            "compact-16": pack(COMPACT, UNIT, *packed, {}, 3),
+            "compact-16": pack(UNIT, packed, {}, version=3),
         }
         for name, data in fields.items():
             field, row = NativeField(data), {"mesh": mesh, "field": name, "faces": len(faces)}

@@ -169,7 +169,7 @@ def damages(body, surface, scale):
     """
     exact, made = ExactField("exact", body), {}
     feet, outward, _, _ = surface.draw(POOL, np.random.default_rng(0))
-    radius = inscribed_radius(exact.engine, feet, outward, THICKEST)
+    radius = inscribed_radius(exact.engine, feet, outward, largest=THICKEST)
 
     def patch(share, place=0.29, border=0.5, count=1):
         seeds = ((place + np.arange(count) / count) % 1 * POOL).astype(int)
@@ -200,7 +200,7 @@ def damages(body, surface, scale):
 
     def thinness(feet, outward):
         # a plate is equally thin everywhere: the nearest to one place is taken to be the thinnest
-        own = inscribed_radius(exact.engine, feet, outward, THICKEST)
+        own = inscribed_radius(exact.engine, feet, outward, largest=THICKEST)
         return np.rint(own / _SAME_RADIUS) + np.linalg.norm(feet - seed, axis=1) / 4
 
     seed, least = feet[POOL // 3], UNFELT / scale.newtons / 0.9

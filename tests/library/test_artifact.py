@@ -27,7 +27,7 @@ PROVENANCE = {"stage": "test", "options": {"b": 1, "a": [1.5, None]}}
 
 
 def write(path, arrays=ARRAYS, **extra):
-    write_artifact(path, "samples", arrays, ATTRIBUTES | extra, PROVENANCE)
+    write_artifact(path, "samples", arrays, attributes=ATTRIBUTES | extra, provenance=PROVENANCE)
     return path
 
 
@@ -58,9 +58,13 @@ def test_same_content_same_bytes(tmp_path):
 
 def test_digest_covers_content_but_not_provenance(tmp_path):
     paths = [tmp_path / f"{i}.zarr.zip" for i in range(3)]
-    write_artifact(paths[0], "samples", ARRAYS, ATTRIBUTES, PROVENANCE)
-    write_artifact(paths[1], "samples", ARRAYS, ATTRIBUTES, {"stage": "other"})
-    write_artifact(paths[2], "samples", ARRAYS, ATTRIBUTES | {"n": 4}, PROVENANCE)
+    write_artifact(paths[0], "samples", ARRAYS, attributes=ATTRIBUTES, provenance=PROVENANCE)
+    write_artifact(
+        paths[1], "samples", ARRAYS, attributes=ATTRIBUTES, provenance={"stage": "other"}
+    )
+    write_artifact(
+        paths[2], "samples", ARRAYS, attributes=ATTRIBUTES | {"n": 4}, provenance=PROVENANCE
+    )
     first, second, third = (read_artifact(path).digest for path in paths)
     assert first == second != third
 
@@ -68,7 +72,7 @@ def test_digest_covers_content_but_not_provenance(tmp_path):
 def test_every_flipped_bit_is_noticed(tmp_path):
     """Exhaustive over a small file: data, headers, directory, comment, every byte."""
     path = tmp_path / "a.zarr.zip"
-    write_artifact(path, "samples", {"one": np.array([1.0, 2.0])}, {}, {})
+    write_artifact(path, "samples", {"one": np.array([1.0, 2.0])}, attributes={}, provenance={})
     whole = path.read_bytes()
     rng = np.random.default_rng(0)
     for index in range(len(whole)):
@@ -124,17 +128,19 @@ def test_pieces_give_the_bytes_of_the_whole(tmp_path, piece):
     arrays = {"a": rng.random((50, 3)), "b": rng.integers(0, 9, (50, 4, 2)).astype(np.uint8)}
     chunks = {"a": (8, 3), "b": (16, 2, 2)}
     whole = tmp_path / "whole.zarr.zip"
-    digest = write_artifact(whole, "samples", arrays, {"n": 1}, {}, chunks)
+    digest = write_artifact(
+        whole, "samples", arrays, attributes={"n": 1}, provenance={}, chunks=chunks
+    )
     with ArtifactWriter(tmp_path / "parts.zarr.zip", "samples") as writer:
         for name in "ab":
-            writer.declare(name, arrays[name].shape, arrays[name].dtype, chunks[name])
+            writer.declare(name, arrays[name].shape, arrays[name].dtype, chunks=chunks[name])
             for start in range(0, 50, piece):
                 writer.append(name, arrays[name][start : start + piece])
         assert writer.finish({"n": 1}, {}) == digest
     assert (tmp_path / "parts.zarr.zip").read_bytes() == whole.read_bytes()
     with ArtifactWriter(tmp_path / "woven.zarr.zip", "samples") as writer:
         for name in "ab":
-            writer.declare(name, arrays[name].shape, arrays[name].dtype, chunks[name])
+            writer.declare(name, arrays[name].shape, arrays[name].dtype, chunks=chunks[name])
         for start in range(0, 50, piece):
             for name in "ab":
                 writer.append(name, arrays[name][start : start + piece])
@@ -161,7 +167,7 @@ def test_chunks_of_fill_are_not_stored(tmp_path, fill):
     values[40:50, 3, 60] = 1.5
     path = tmp_path / "grid.zarr.zip"
     with ArtifactWriter(path, "grid") as writer:
-        writer.declare("values", values.shape, values.dtype, (16, 16, 16), fill)
+        writer.declare("values", values.shape, values.dtype, chunks=(16, 16, 16), fill=fill)
         writer.append("values", values)
         writer.finish({}, {})
     with zipfile.ZipFile(path) as archive:
@@ -204,7 +210,9 @@ def test_full_disk_leaves_no_partial_file(small_disk):
     with pytest.raises(
         PandisError, match=r"big\.zarr\.zip: cannot write: No space.*free some space"
     ):
-        write_artifact(small_disk / "big.zarr.zip", "samples", {"noise": noise}, {}, {})
+        write_artifact(
+            small_disk / "big.zarr.zip", "samples", {"noise": noise}, attributes={}, provenance={}
+        )
     with pytest.raises(PandisError, match="No space"):
         write_atomically(small_disk / "kept.zarr.zip", noise.tobytes())
     assert os.listdir(small_disk) == ["kept.zarr.zip"]

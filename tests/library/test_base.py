@@ -5,6 +5,7 @@ import pytest
 
 from pandis.base.forces import penalty_force
 from pandis.base.frame import UNIT
+from pandis.base.progress import Context
 from pandis.pipeline.kinds.network.base import fit_base
 from pandis.pipeline.kinds.network.reference import SirenField
 from pandis.pipeline.kinds.network.spec import TrainTask
@@ -48,8 +49,8 @@ def field(samples, tmp_path, **options):  # noqa: F811
     """Train a small network on the sphere; open it as a field."""
     small = {"width": 32, "depth": 2, "steps": 200, "batch": 1024, "threads": 1}
     own = TrainTask(kind="network", name="r", recipe=ExactRecipe(**small | options), seed=7)
-    trainer = Trainer(own, *samples, tmp_path / "c.pt", log=lambda text: None)
-    arrays, attributes = trainer.run(silent_progress)
+    trainer = Trainer(own, samples, Context(tmp_path / "c.pt", silent_progress, lambda text: None))
+    arrays, attributes = trainer.run()
     attributes |= UNIT.attributes()
     return SirenField("r", artifact("model", arrays, attributes))
 

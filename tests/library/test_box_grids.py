@@ -48,7 +48,7 @@ def mesh(name):
 
 
 def baked(kind, engine, size, band):
-    grid = DenseGrid(engine, "force-box", size, band, silent_progress)
+    grid = DenseGrid(engine, "force-box", size, band=band, progress=silent_progress)
     values = np.concatenate(list(grid.slabs(16)))
     attributes = grid.attributes() | FRAME.attributes()
     return open_as(kind, Artifact(None, "grid", {"values": values}, attributes, {}, ""))
@@ -175,7 +175,9 @@ def test_answers_on_scans_are_those_of_the_definition(name, meshes):
 def test_box_of_a_closed_form_is_its_own_not_that_of_its_tessellation():
     shape = SHAPES["sphere"]
     frame = Frame.of_bounds(-np.array(shape.half_extent), np.array(shape.half_extent))
-    grid = DenseGrid(ShapeDistance(shape, frame), "force-box", 8, BAND, silent_progress)
+    grid = DenseGrid(
+        ShapeDistance(shape, frame), "force-box", 8, band=BAND, progress=silent_progress
+    )
     np.testing.assert_allclose(grid.axes.low, -0.9, atol=1e-12)
     np.testing.assert_allclose(grid.axes.high, 0.9, atol=1e-12)
 
@@ -186,7 +188,7 @@ def test_the_same_bytes_err_less_on_the_box_than_on_the_cube():
     engine = MeshDistance(vertices, faces)
     points, distance, normal = probes(Body(vertices, faces, UNIT), 5000, seed=1)["deep"]
     exact = penalty_force(distance, normal)
-    cube = DenseGrid(engine, "force", 48, BAND, silent_progress)
+    cube = DenseGrid(engine, "force", 48, band=BAND, progress=silent_progress)
     values = np.concatenate(list(cube.slabs(48)))
     attributes = cube.attributes() | FRAME.attributes()
     held = Artifact(None, "grid", {"values": values}, attributes, {}, "")
@@ -205,7 +207,7 @@ def test_older_readers_still_take_grids_on_the_cube():
     vertices, faces = mesh("torus")
     engine = MeshDistance(vertices, faces)
     own = native_bytes(baked("trilinear-box", engine, 8, BAND), {})
-    cube = DenseGrid(engine, "force", 8, BAND, silent_progress)
+    cube = DenseGrid(engine, "force", 8, band=BAND, progress=silent_progress)
     values = np.concatenate(list(cube.slabs(8)))
     attributes = cube.attributes() | FRAME.attributes()
     held = Artifact(None, "grid", {"values": values}, attributes, {}, "")

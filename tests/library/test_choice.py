@@ -7,6 +7,7 @@ from pandis.base.errors import PandisError
 from pandis.base.forces import penalty_force
 from pandis.base.frame import Frame
 from pandis.base.physical import Scale
+from pandis.base.progress import Context
 from pandis.pipeline.geometry.measure import draw_contacts, promise
 from pandis.pipeline.geometry.points import _CHOOSING, _PROMISING, Points
 from pandis.pipeline.geometry.shapes import SHAPES
@@ -65,8 +66,8 @@ def chooser(found, tmp_path, table=TABLE, log=lambda text: None, points=None, **
         weight_bits=32,
     )
     points = points or Points(found.body, SCALE, 3)
-    where = tmp_path / "c.pt", silent_progress, log
-    return Chooser(found.body, points, options, QueryTimes(table), *where)
+    context = Context(tmp_path / "c.pt", silent_progress, log)
+    return Chooser(points, options, QueryTimes(table), context=context)
 
 
 def choose(found, tmp_path, table=TABLE, **budget):
@@ -81,7 +82,7 @@ def figures_of(held, found, seed=99):
     (field,) = open_fields(["auto"], found.mesh, [held])
     assert field.name == "auto"
     rng = np.random.default_rng([seed, 1])
-    contacts = draw_contacts(found.body, SCALE, 20_000, rng)
+    contacts = draw_contacts(found.body, SCALE, 20_000, rng=rng)
     return promise(lambda points: penalty_force(*field.answer(points)), contacts)[0]
 
 
@@ -155,7 +156,7 @@ def test_a_smooth_part_needs_a_coarse_grid(tmp_path, wanted):
     # the next coarser one of this kind would not do
     coarser = GridMaker.sizes[GridMaker.sizes.index(int(size)) - 1]
     again = chooser(TORUS, tmp_path, force_error=wanted, bytes=2_000_000)
-    maker = GridMaker(kind, again.points, again.body.frame, again.options.band, silent_progress)
+    maker = GridMaker(kind, again.points, again.options.band, progress=silent_progress)
     assert again.measured(maker, coarser)[0].why
 
 
@@ -243,10 +244,10 @@ def test_the_file_is_what_must_keep_to_the_budget(tmp_path, monkeypatch):
     """A field whose file answers something else is not chosen, however good the field is."""
     written = []
 
-    def forceless(field, *arguments):
+    def forceless(field, *arguments, **options):
         written.append(field.name)
         field.values = np.full_like(field.values, 0.01)
-        return export_native(field, *arguments)
+        return export_native(field, *arguments, **options)
 
     without(monkeypatch, "spline", "network")
     monkeypatch.setattr("pandis.pipeline.kinds.grid.choice.TRIED", ("trilinear-normal",))

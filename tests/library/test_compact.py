@@ -39,7 +39,7 @@ from pandis.pipeline.mesh.tools import call
 from pandis.pipeline.run.ask.catalogue import parse_field
 from pandis.pipeline.run.ask.faults import near_field
 from pandis.pipeline.run.ask.options import NativeOptions
-from pandis.runtime.field import COMPACT, NativeField
+from pandis.runtime.field import NativeField
 from pandis.runtime.field.files import pack
 from shapes import cone, open_shape, plate
 from support import artifact, box_mesh
@@ -91,7 +91,7 @@ def native(vertices, faces, bits, sides=None):
     record = type(
         "Record", (), {"bits": bits, "most": 704, "reach": 0.91, "deviation": 0, "rounding": 0}
     )
-    return NativeField(pack(COMPACT, UNIT, *file_parts(arrays, record), {}, 3)), arrays
+    return NativeField(pack(UNIT, file_parts(arrays, record), {}, version=3)), arrays
 
 
 MESHES = {
@@ -282,8 +282,8 @@ def test_flat_faces_go_by_turning_an_edge():
 def test_the_bound_holds_and_falls_with_bits(bits):
     vertices, faces = hull(5000, 4)
     body = Body(vertices, faces, UNIT)
-    arrays, record = build_compact(body, bits, 0, lambda text: None)
-    field = NativeField(pack(COMPACT, UNIT, *file_parts(arrays, record), {}, 3))
+    arrays, record = build_compact(body, bits, 0, log=lambda text: None)
+    field = NativeField(pack(UNIT, file_parts(arrays, record), {}, version=3))
     points = points_around(body.distance, 20_000)
     exact, _ = body.distance.distance_and_normal(points)
     off = np.abs(np.abs(field.query(points).distance) - np.abs(exact)).max()
@@ -327,15 +327,15 @@ def test_wrong_sides_are_refused_with_their_number(monkeypatch):
     vertices, faces = crown(1500)
     monkeypatch.setattr("pandis.pipeline.kinds.compact.packing.find_sides", without_sides)
     with pytest.raises(PandisError, match=r"of 1,000,000 points are on the wrong side.*more bits"):
-        build_compact(Body(vertices, faces, UNIT), 16, 0, lambda text: None)
+        build_compact(Body(vertices, faces, UNIT), 16, 0, log=lambda text: None)
 
 
 def test_blocks_are_full_and_bytes_few():
     vertices, faces = hull(20_000, 6)
-    arrays, record = build_compact(Body(vertices, faces, UNIT), 16, 0, lambda text: None)
+    arrays, record = build_compact(Body(vertices, faces, UNIT), 16, 0, log=lambda text: None)
     assert sum(part.nbytes for part in arrays.values()) < 8 * record.faces
     assert record.faces == len(faces)
-    again, _ = build_compact(Body(vertices, faces, UNIT), 16, 0, lambda text: None)
+    again, _ = build_compact(Body(vertices, faces, UNIT), 16, 0, log=lambda text: None)
     assert all(arrays[name].tobytes() == again[name].tobytes() for name in arrays)
 
 
@@ -373,10 +373,10 @@ def test_around_a_corner_of_very_many_faces_the_limit_is_larger():
     engine = MeshDistance(to_unit(vertices, 16), faces)
     rng = np.random.default_rng(1)
     base = rng.normal(0, (0.01, 0.01, 0.001), (1000, 3)) - (0, 0, 0.9)
-    points = np.concatenate([base, near_surface(engine.vertices, faces, 20_000, rng)])
+    points = np.concatenate([base, near_surface(engine.vertices, faces, 20_000, rng=rng)])
     exact = np.abs(engine.distance_and_normal(points, check=False)[0])
     wrong, few = [
-        (np.abs(distance_and_clear(arrays, 16, points, limit)[0]) - exact).max()
+        (np.abs(distance_and_clear(arrays, 16, points, most=limit)[0]) - exact).max()
         for limit in (larger.most, record.most)
     ]
     assert record.most < larger.most <= 4 * record.most
@@ -418,23 +418,23 @@ def test_the_export_is_checked_where_it_is_cut_too():
     """A ball so fine that its middle is cut is exported; one of another lattice is refused."""
     vertices, faces = hull(40_000, 10)
     body = Body(vertices, faces, UNIT)
-    arrays, record = build_compact(body, 14, 0, lambda text: None)
+    arrays, record = build_compact(body, 14, 0, log=lambda text: None)
     held = artifact("compact", arrays, record.attributes() | UNIT.attributes())
     field, said = CompactField("compact-14", held), []
-    data = export_native(field, body, NativeOptions(), {}, said.append)
+    data = export_native(field, body, NativeOptions(), provenance={}, log=said.append)
     assert "answers as the library does" in said[0]
     safe = ExportedField("compact-14", data)
     assert (safe.query(np.zeros((1, 3))).flag == CUT).all()
     other = snap(vertices, faces, 11)
     field.engine = MeshDistance(to_unit(other.vertices, 11), other.faces)
     with pytest.raises(PandisError, match="the exported model differs from its field: distance"):
-        export_native(field, body, NativeOptions(), {}, said.append)
+        export_native(field, body, NativeOptions(), provenance={}, log=said.append)
 
 
 def test_a_lens_that_the_lattice_folds_is_answered_and_exported_with_its_sides():
     """Its faces alone, with whose normals the field was once answered, do not tell them."""
     body = Body(*hull(3000, 3, (1, 1, 0.02)), UNIT)
-    arrays, record = build_compact(body, 8, 0, lambda text: None)
+    arrays, record = build_compact(body, 8, 0, log=lambda text: None)
     held = artifact("compact", arrays, record.attributes() | UNIT.attributes())
     field, said = CompactField("compact-8", held), []
     points = np.random.default_rng(0).uniform(-1, 1, (20_000, 3))
@@ -446,7 +446,7 @@ def test_a_lens_that_the_lattice_folds_is_answered_and_exported_with_its_sides()
     assert ((by_faces < 0) != inside)[far].sum() > 100
     rising = field.answer(points + 1e-4 * normal)[0] > distance
     assert rising[far].mean() > 0.999  # a step along the normal may cross to another wall
-    export_native(field, body, NativeOptions(), {}, said.append)
+    export_native(field, body, NativeOptions(), provenance={}, log=said.append)
     assert "side 0" in said[0]
 
 
@@ -463,12 +463,14 @@ def test_a_file_says_on_which_face_of_the_mesh_a_closest_point_lies(fewer):
     held = artifact("compact", arrays, record.attributes() | UNIT.attributes())
     field = CompactField("compact-16", held)
     plain, data = (
-        export_native(field, body, NativeOptions(original_faces=said), {}, lambda text: None)
+        export_native(
+            field, body, NativeOptions(original_faces=said), provenance={}, log=lambda text: None
+        )
         for said in (False, True)
     )
     native = NativeField(data)
     assert native.bytes == NativeField(plain).bytes < len(plain) < len(data)
-    points = near_surface(vertices, faces, 5000, np.random.default_rng(1))
+    points = near_surface(vertices, faces, 5000, rng=np.random.default_rng(1))
     answers, original = native.query(points), native.faces(points)
     assert np.array_equal(answers.distance, NativeField(plain).query(points).distance)
     assert (NativeField(plain).faces(points) == -1).all()

@@ -40,7 +40,7 @@ def wavy(count=4000):
 def body_and_points(mesh):
     """Return a body, and the points that its fields are chosen by."""
     body = Body(*mesh, UNIT)
-    return body, Points(body.surface, body.distance, Scale(0.1, 400.0), 1)
+    return body, Points(body, Scale(0.1, 400.0), 1)
 
 
 @pytest.fixture(autouse=True)
@@ -111,7 +111,7 @@ def test_distances_to_triangles_are_those_of_the_tree():
 
 def test_more_bytes_err_less_and_every_bound_holds(waves):
     body, points = waves
-    packer, errors = Packer(body, points, 1, silent), []
+    packer, errors = Packer(points, 1, silent), []
     for budget in (7000, 20_000, 60_000, 150_000):
         made = packer.within(budget)
         record = made.field.record
@@ -131,18 +131,18 @@ def test_more_bytes_err_less_and_every_bound_holds(waves):
 
 
 def test_the_same_mesh_gives_the_same_bytes(waves):
-    body, points = waves
-    one, other = (Packer(body, points, 1, silent).within(15_000) for _ in range(2))
+    _, points = waves
+    one, other = (Packer(points, 1, silent).within(15_000) for _ in range(2))
     assert all(np.array_equal(one.arrays[key], other.arrays[key]) for key in one.arrays)
 
 
 def sized(waves, **target):
     """Return attributes of a compact mesh that was asked for by a target."""
-    body, points = waves
+    _, points = waves
     task = SearchTask(
         kind="compact", form="compact", target=target, device={}, band=(0.045, 0.02), seed=1
     )
-    return CompactSizing(body, points, task, silent).find()
+    return CompactSizing(points, task, silent).find()
 
 
 def test_an_error_takes_the_first_bytes_that_meet_it(waves):
@@ -166,8 +166,8 @@ def test_what_cannot_be_met_is_said(waves):
 
 def test_a_candidate_on_the_wrong_side_gives_way_to_the_next(waves, monkeypatch):
     """Sides are compared at a million points before a candidate is taken."""
-    body, points = waves
-    best = Packer(body, points, 1, silent).within(15_000)
+    _, points = waves
+    best = Packer(points, 1, silent).within(15_000)
     seen, told = [], []
 
     def refused_once(body, arrays, record, seed):
@@ -176,7 +176,7 @@ def test_a_candidate_on_the_wrong_side_gives_way_to_the_next(waves, monkeypatch)
             raise PandisError("one of them on the wrong side")
 
     monkeypatch.setattr("pandis.pipeline.kinds.compact.search.compare_sides", refused_once)
-    second = Packer(body, points, 1, told.append).within(15_000)
+    second = Packer(points, 1, told.append).within(15_000)
     assert isinstance(second, Candidate)
     assert second.field.record.bits != best.field.record.bits
     assert any("turned down: one of them on the wrong side" in line for line in told)
@@ -200,6 +200,6 @@ def test_a_lattice_too_fine_for_its_sides_gives_way_to_a_coarser_one(waves, monk
             raise PandisError("one of them on the wrong side")
 
     monkeypatch.setattr("pandis.pipeline.kinds.compact.search.compare_sides", refused_beyond_17)
-    made = Packer(body, points, 1, silent).within(None)
+    made = Packer(points, 1, silent).within(None)
     assert made.field.record.bits == 17
     assert made.field.record.faces == len(body.faces)

@@ -34,8 +34,8 @@ def compared(fields, **options):
     path = TrajectoryOptions(samples=300)
     names = [field.name for field in fields]
     task = EvaluateTask(probes=2000, **options, trajectory=path, fields=names, seed=3)
-    drawn, _ = trace(BODY, path, 3, silent_progress)
-    return compare(Fields(fields, BODY, EXACT), drawn, task, silent_progress)
+    drawn, _ = trace(BODY, path, 3, progress=silent_progress)
+    return compare(Fields(fields, BODY, EXACT), drawn, task, progress=silent_progress)
 
 
 def test_a_field_that_is_a_tenth_too_soft_has_a_tenth_of_the_force_as_its_error():

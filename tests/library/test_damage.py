@@ -52,7 +52,7 @@ def test_hardware_fails_every_damage(body, damaged):
 
 @pytest.mark.full
 def test_the_suite_fails_every_damage(body, damaged):
-    suite = Suite(body, SCALE, StressOptions(ticks=2000, loops=4), 0)
+    suite = Suite(body, SCALE, StressOptions(ticks=2000, loops=4), seed=0)
     exact = ExactField("exact", body)
     # the short questions: whatever they leave to the long ones is not found in time
     asked = ("missing", "other", "hold", "contacts", "work", "stiffness", "jumps")
@@ -67,7 +67,7 @@ def test_the_suite_fails_every_damage(body, damaged):
 
 def test_a_proxy_feels_walls_without_force(body, damaged):
     """What lacks the force on thin walls lets a proxy through them."""
-    suite = Suite(body, SCALE, StressOptions(ticks=2000, loops=4), 0)
+    suite = Suite(body, SCALE, StressOptions(ticks=2000, loops=4), seed=0)
     thin = suite.pushed.wall & (suite.pushed.radius < 0.01)
     assert thin.sum() > 50
     depth = 1e-3 * SCALE.stiffness

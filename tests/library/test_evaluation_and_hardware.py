@@ -23,7 +23,7 @@ from pandis.pipeline.run.records.evaluation import EvaluationRecord, Figures
 from pandis.pipeline.run.records.stress import StressRecord
 from pandis.pipeline.run.records.timing import TimingRecord
 from pandis.runtime.field import SHAPE, NativeField
-from pandis.runtime.field.files import pack
+from pandis.runtime.field.files import Parts, pack
 from pandis.runtime.servo import run_ticks
 from support import box_mesh
 from verdicts import SOUND, WHOLE, changed, validated
@@ -84,7 +84,12 @@ class Unchecked:
 def test_evaluation_rows_and_forces():
     fields = [Plane("exact"), Plane("off", -0.01), Plane("net", stretch=2.0)]
     arrays, attributes = evaluate(
-        fields, [], truth(), {"shallow": truth(20)}, contacts(), silent_progress
+        fields,
+        [],
+        truth(),
+        probe_sets={"shallow": truth(20)},
+        contacts=contacts(),
+        progress=silent_progress,
     )
     errors = attributes["errors"]["trajectory"]
     assert errors["exact"]["max"] == errors["net"]["max"] == 0
@@ -104,7 +109,14 @@ def test_evaluation_rows_and_forces():
 
 def test_a_measure_that_passes_a_control_ends_the_stage():
     with pytest.raises(PandisError, match="missing surface is blind"):
-        evaluate([], [Plane("control-blind")], truth(), {}, contacts(), silent_progress)
+        evaluate(
+            [],
+            [Plane("control-blind")],
+            truth(),
+            probe_sets={},
+            contacts=contacts(),
+            progress=silent_progress,
+        )
 
 
 def test_timing_counts_every_query():
@@ -115,7 +127,9 @@ def test_timing_counts_every_query():
 
     options = TimingOptions(queries=150, batch=500, repeats=3)
     points = np.zeros((40, 3))
-    single, batched = time_queries(answer, points, options.queries, options.batch, options.repeats)
+    single, batched = time_queries(
+        answer, points, options.queries, batch=options.batch, repeats=options.repeats
+    )
     assert (len(single), len(batched)) == (150, 3)
     assert calls.count(1) == 100 + 150
     assert calls.count(500) == 1 + 3
@@ -126,7 +140,7 @@ def test_timing_counts_every_query():
 @pytest.fixture(scope="module")
 def sphere():
     """A sphere of radius 1 as `pandis.h` answers it."""
-    return NativeField(pack(SHAPE, UNIT, [0], [1.0], {}, {}))
+    return NativeField(pack(UNIT, Parts(SHAPE, [0], [1.0], {}), {}))
 
 
 PATH = np.linspace([0.0, 0.0, 0.95], [0.3, 0.4, 0.8], 5)
@@ -164,7 +178,7 @@ def run(sphere, bias=0.0, missing=0.0, **options):
     frame = Frame((0.0, 0.0, 0.0), 0.5)
     reference = sphere.force(PATH) * frame.scale + [0, 0, bias]
     walls = changed(WHOLE, missing=missing, holds=missing < 0.005)
-    return validate(sphere, frame, PATH, reference, walls, options)
+    return validate(sphere, frame, PATH, reference=reference, walls=walls, options=options)
 
 
 def test_validation_passes_what_agrees_and_fails_what_does_not(sphere):
@@ -234,7 +248,7 @@ def test_summary_has_every_column_and_the_configs_order():
         controls={"control-zero": ["missing"]},
     )
     records = evaluation, timing, stress, validated({"a": SOUND})
-    rows = summary_rows("m", *records, {"b": 1.5})
+    rows = summary_rows("m", records, {"b": 1.5})
     assert [row["field"] for row in rows] == ["b", "a", "a" + UNNORMALISED]
     lines = to_csv(rows).splitlines()
     assert lines[0] == ",".join(COLUMNS)
@@ -247,13 +261,13 @@ def test_summary_has_every_column_and_the_configs_order():
     # what is off by rounding is exact
     for name in SETS:
         evaluation.errors[name]["b"] = changed(contact, mean=3e-17, newtons=6e-16)
-    (exact, *_) = summary_rows("m", *records, {})
+    (exact, *_) = summary_rows("m", records, {})
     assert exact["contact_millinewtons"] == exact["contact_mean"] == 0
     assert exact["missing_percent"] == pytest.approx(0.1)
     stress.controls["control-zero"] = []
     evaluation.controls["control-zero"] = dict.fromkeys(SETS, contact)
     with pytest.raises(PandisError, match="front of unbeaten fields is blind.*control-zero"):
-        summary_rows("m", *records, {})
+        summary_rows("m", records, {})
 
 
 def test_a_field_that_needs_a_path_is_judged_on_the_path_alone():
@@ -262,7 +276,9 @@ def test_a_field_that_needs_a_path_is_judged_on_the_path_alone():
 
     sets = {"shallow": truth(20), "deep": truth(20)}
     fields = [Plane("exact"), Path("path", -0.01)]
-    _, attributes = evaluate(fields, [], truth(), sets, contacts(), silent_progress)
+    _, attributes = evaluate(
+        fields, [], truth(), probe_sets=sets, contacts=contacts(), progress=silent_progress
+    )
     assert "path" in attributes["errors"]["trajectory"]
     assert "path" not in attributes["errors"]["shallow"]
     more = {
@@ -275,7 +291,7 @@ def test_a_field_that_needs_a_path_is_judged_on_the_path_alone():
     }
     nothing = StressRecord.model_construct(fields={}, controls={}), validated({})
     timing = TimingRecord(fields={}, machine={})
-    rows = summary_rows("m", EvaluationRecord(**attributes, **more), timing, *nothing, {})
+    rows = summary_rows("m", [EvaluationRecord(**attributes, **more), timing, *nothing], {})
     assert [row["shallow_mean"] for row in rows] == [0, ""]
 
 
@@ -304,7 +320,7 @@ def test_progress_reports_rate_and_what_is_left(monkeypatch):
     now = [0.0]
     monkeypatch.setattr("pandis.pipeline.run.job.stage.time.monotonic", lambda: now[0])
     lines = []
-    progress = TimedReport(lines.append, "labels", 1000, "points")
+    progress = TimedReport(lines.append, "labels", 1000, unit="points")
     for second, done in ((1, 100), (6, 600), (7, 700), (10, 1000)):
         now[0] = second
         progress.update(done, "error 1")

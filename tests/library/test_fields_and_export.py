@@ -37,13 +37,15 @@ ENGINE = ShapeDistance(SHAPES["sphere"], Frame((0.0, 0.0, 0.0), 0.9))
 
 
 def grid(content, size):
-    made = DenseGrid(ENGINE, content, size, (0.045, 0.02), silent_progress)
+    made = DenseGrid(ENGINE, content, size, band=(0.045, 0.02), progress=silent_progress)
     values = np.concatenate(list(made.slabs(5)))
     return artifact("grid", {"values": values}, made.attributes() | FRAME.attributes())
 
 
 def model(width=16, depth=2, omega=15.0, outputs=4, seed=0, base=False):
-    network = Siren(width, depth, omega, outputs, torch.Generator().manual_seed(seed))
+    network = Siren(
+        width, depth, omega, outputs=outputs, generator=torch.Generator().manual_seed(seed)
+    )
     arrays = {"curve": np.zeros((0, 3))}
     for index, (weight, bias) in enumerate(zip(network.weights, network.biases, strict=True)):
         arrays[f"weight_{index}"] = weight.detach().numpy()
@@ -134,10 +136,10 @@ def test_torch_network_is_rebuilt_bit_by_bit():
 def exported(kind):
     if kind.startswith("network"):
         held, _ = model(32, 3, outputs=1 if "one" in kind else 4, base="base" in kind)
-        return export_network("s", held, {"stage": "x"}, print), SirenField("s", held)
+        return export_network("s", held, {"stage": "x"}, log=print), SirenField("s", held)
     held = grid(CONTENTS[kind.removesuffix("-12")], 12)
     field = open_field(parse_field(kind, ()), held)
-    return export_grid(kind, held, {"stage": "x"}, print), field
+    return export_grid(kind, held, {"stage": "x"}, log=print), field
 
 
 KINDS = [
@@ -200,8 +202,8 @@ def test_damaged_export_is_noticed(tmp_path):
 @pytest.mark.parametrize("outputs", [1, 4])
 def test_program_answers_as_the_field_does(tmp_path, outputs, base):
     held, _ = model(32, 3, outputs=outputs, base=base)
-    data = export_program("s", held, {"stage": "x"}, print)
-    assert export_program("s", held, {"stage": "x"}, print) == data
+    data = export_program("s", held, {"stage": "x"}, log=print)
+    assert export_program("s", held, {"stage": "x"}, log=print) == data
     assert str(ROOT).encode() not in data  # no folders of this machine
     path = tmp_path / "a.pt2"
     path.write_bytes(data)
@@ -221,7 +223,7 @@ def test_program_answers_as_the_field_does(tmp_path, outputs, base):
 
 def test_damaged_program_is_noticed(tmp_path):
     held, _ = model(16, 2, outputs=1)
-    data = export_program("s", held, {}, print)
+    data = export_program("s", held, {}, log=print)
     path = tmp_path / "a.pt2"
     for index in np.random.default_rng(0).integers(0, len(data), 150):
         broken = bytearray(data)
@@ -298,7 +300,7 @@ def test_far_from_the_origin_no_digits_are_lost():
     held, _ = model(32, 3)
     far = Frame((1e6, -1e6, 1e6), 0.9)
     held.attributes.update(far.attributes())
-    session = Session(export_network("s", held, {}, print))
+    session = Session(export_network("s", held, {}, log=print))
     unit = np.random.default_rng(0).uniform(-1, 1, (500, 3))
     distance, _ = session.distance_and_normal(far.to_mesh(unit))
     near, _ = SirenField("s", held).answer(unit)

@@ -27,13 +27,13 @@ def gradients(outputs, columns, device, kernels, monkeypatch):
     for module in (elements, exact_loss):
         monkeypatch.setattr(module, "fused", lambda values: kernels)
     generator = torch.Generator().manual_seed(0)
-    network = Siren(24, 3, 20.0, outputs, generator).to(device)
+    network = Siren(24, 3, 20.0, outputs=outputs, generator=generator).to(device)
     rows = (torch.rand(500, columns, generator=generator) * 2 - 1).to(device)
     rows[0, 3] = 0.0
     output, gradient = network(rows[:, :3]), None
     if outputs == 1:
         output, gradient = network.forward_with_gradient(rows[:, :3])
-    loss = exact_loss.loss_of(output, gradient, rows, ExactRecipe(steps=1))
+    loss = exact_loss.loss_of((output, gradient), rows, ExactRecipe(steps=1))
     return loss, torch.autograd.grad(loss, list(network.parameters()))
 
 

@@ -43,7 +43,7 @@ CONTENT = {
 
 
 def field(kind, engine, size, band=BAND):
-    grid = DenseGrid(engine, CONTENT[kind], size, band, silent_progress)
+    grid = DenseGrid(engine, CONTENT[kind], size, band=band, progress=silent_progress)
     attributes = grid.attributes() | FRAME.attributes()
     values = np.concatenate(list(grid.slabs(7)))
     return open_as(kind, Artifact(None, "grid", {"values": values}, attributes, {}, ""))
@@ -76,7 +76,7 @@ def smooth():
 @pytest.mark.parametrize("size", [9, 33, 70])
 def test_every_point_of_the_band_is_in_a_cell_and_all_else_has_a_side(torus, size):
     engine = torus.distance
-    cells, signs = find_cells(engine, size, BAND, -1.0, 2 / (size - 1))
+    cells, signs = find_cells(engine, size, BAND, low=-1.0, step=2 / (size - 1))
     assert (signs[tuple(cells.T)] == 0).all()
     assert (signs == 0).sum() == len(cells)
     points, _, _ = in_band(torus, 20_000)
@@ -105,7 +105,7 @@ def test_needed_nodes_are_those_of_the_cells(reach):
 def test_nodes_hold_the_exact_answer_or_the_side(torus, content):
     engine = torus.distance
     size = 40
-    grid = DenseGrid(engine, content, size, BAND, silent_progress)
+    grid = DenseGrid(engine, content, size, band=BAND, progress=silent_progress)
     values = np.concatenate(list(grid.slabs(11))).reshape(size**3, -1)
     index = np.stack(np.unravel_index(np.arange(size**3), (size,) * 3), axis=1)
     distance, normal = engine.distance_and_normal(-1 + 2 / (size - 1) * index)
@@ -125,7 +125,7 @@ def test_nodes_hold_the_exact_answer_or_the_side(torus, content):
 
 
 def test_slabs_change_nothing(torus):
-    grid = DenseGrid(torus.distance, "force", 25, BAND, silent_progress)
+    grid = DenseGrid(torus.distance, "force", 25, band=BAND, progress=silent_progress)
     whole = np.concatenate(list(grid.slabs(25)))
     for thickness in (1, 8):
         again = np.concatenate(list(grid.slabs(thickness)))
@@ -135,7 +135,7 @@ def test_slabs_change_nothing(torus):
 def test_chunks_outside_are_not_stored(torus, tmp_path):
     import zipfile
 
-    grid = DenseGrid(torus.distance, "distance", 64, BAND, silent_progress)
+    grid = DenseGrid(torus.distance, "distance", 64, band=BAND, progress=silent_progress)
     path = tmp_path / "grid.zarr.zip"
     with ArtifactWriter(path, "grid") as writer:
         writer.declare("values", **grid.column(8))
@@ -455,8 +455,8 @@ def silent(text):
 def test_sizing(torus, kind, target, monkeypatch):
     monkeypatch.setattr(GridMaker, "sizes", (16, 24, 32, 48))
     task, points = asked("grid", kind, **target), Points(torus, SCALE, 1)
-    maker = GridMaker(kind, points, FRAME, BAND, silent_progress)
-    arrays, attributes = search(maker, points, task, silent)
+    maker = GridMaker(kind, points, BAND, progress=silent_progress)
+    arrays, attributes = search(maker, points, task, log=silent)
     sizing = attributes["sizing"]
     if "bytes" in target:
         # of pandis.h, which holds a node more on every side
@@ -480,8 +480,8 @@ def test_spline_sized_by_error_does_not_depend_on_what_was_tried(torus, monkeypa
     monkeypatch.setattr(SplineMaker, "sizes", (8_000, 60_000, 120_000))
     task, lines = asked("spline", "spline", force_error=2e-3), []
     points = Points(torus, SCALE, 1)
-    maker = SplineMaker(points, FRAME, BAND, silent_progress, 120_000)
-    arrays, attributes = search(maker, points, task, lines.append)
+    maker = SplineMaker(points, BAND, silent_progress, most=120_000)
+    arrays, attributes = search(maker, points, task, log=lines.append)
     assert attributes["sizing"]["held_out_error"] <= 2e-3
     assert any("does not cover the band" in line for line in lines)
     size = next(
@@ -489,7 +489,7 @@ def test_spline_sized_by_error_does_not_depend_on_what_was_tried(torus, monkeypa
         for t in attributes["sizing"]["tried"]
         if t["force_error"] == attributes["sizing"]["held_out_error"]
     )
-    alone = splines.SplineFit(torus, BAND, 1, splines.samples_for(budget=120_000))
+    alone = splines.SplineFit(torus, BAND, 1, count=splines.samples_for(budget=120_000))
     again, _ = alone.build(alone.choose_size(size), size, silent_progress)
     assert all(np.array_equal(arrays[key], again[key]) for key in arrays)
 
@@ -503,7 +503,7 @@ def test_vti_says_what_the_field_says(torus, kind, tmp_path):
     if kind == "spline":
         arrays, attributes = made_spline(torus, 60_000)
     else:
-        grid = DenseGrid(engine, CONTENTS[kind], 20, BAND, silent_progress)
+        grid = DenseGrid(engine, CONTENTS[kind], 20, band=BAND, progress=silent_progress)
         arrays, attributes = {"values": np.concatenate(list(grid.slabs(20)))}, grid.attributes()
     held = Artifact(None, "grid", arrays, attributes | FRAME.attributes(), {}, "")
     name = f"{kind}-{attributes['grid']['size']}"

@@ -21,19 +21,19 @@ from test_fields_and_export import FRAME, model
 def test_program_in_cpp_answers_as_onnx_does_and_is_timed(tmp_path, outputs):
     held, _ = model(32, 3, outputs=outputs)
     path = tmp_path / "net.pt2"
-    path.write_bytes(export_program("net", held, {}, print))
-    path.with_suffix(".onnx").write_bytes(export_network("net", held, {}, print))
+    path.write_bytes(export_program("net", held, {}, log=print))
+    path.with_suffix(".onnx").write_bytes(export_network("net", held, {}, log=print))
     mesh = Artifact(None, "mesh", {}, FRAME.attributes(), {}, "")
     points = np.random.default_rng(0).uniform(-0.9, 0.9, (300, 3))
     found, options = {"net": {}}, TimingOptions(queries=700)
-    arrays = timing.time_program(path, mesh, points, options, found, print)
+    arrays = timing.time_program(path, mesh, points, options=options, figures=found, log=print)
     assert arrays["libtorch_net"].shape == (700,)
     assert (arrays["libtorch_net"] > 0).all()
     assert 0 < found["net"]["libtorch_p50_us"] <= found["net"]["libtorch_p999_us"]
     other, _ = model(32, 3, outputs=outputs, seed=5)
-    path.with_suffix(".onnx").write_bytes(export_network("net", other, {}, print))
+    path.with_suffix(".onnx").write_bytes(export_network("net", other, {}, log=print))
     with pytest.raises(PandisError, match="differs from the ONNX model's"):
-        timing.time_program(path, mesh, points, options, found, print)
+        timing.time_program(path, mesh, points, options=options, figures=found, log=print)
 
 
 def test_without_a_compiler_the_option_is_named(tmp_path, monkeypatch):
@@ -46,7 +46,7 @@ def test_a_wrong_answer_is_not_reported(monkeypatch, tmp_path):
     """A program that answers something else is an error, not a figure."""
     held, _ = model(16, 2)
     path = tmp_path / "net.onnx"
-    path.write_bytes(export_network("net", held, {}, print))
+    path.write_bytes(export_network("net", held, {}, log=print))
     mesh = Artifact(None, "mesh", {}, UNIT.attributes(), {}, "")
     wrong = np.full(10, -0.1), np.tile([0.0, 0, 1], (10, 1)), np.ones(5)
     monkeypatch.setattr(libtorch, "ask", lambda *_: wrong)
@@ -55,7 +55,7 @@ def test_a_wrong_answer_is_not_reported(monkeypatch, tmp_path):
             path.with_suffix(".pt2"),
             mesh,
             np.zeros((10, 3)),
-            TimingOptions.model_construct(queries=5),
-            {"net": {}},
-            print,
+            options=TimingOptions.model_construct(queries=5),
+            figures={"net": {}},
+            log=print,
         )

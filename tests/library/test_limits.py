@@ -15,7 +15,7 @@ from support import ROOT, environment
 BODY = """
 import sys
 from pandis.pipeline.run.job.limits import limited
-with limited("bake", {minutes}, {megabytes}, print, sys.stderr):
+with limited("bake", {minutes}, {megabytes}, say=print, file=sys.stderr):
     {body}
 print("done")
 """
@@ -53,9 +53,9 @@ def test_a_body_that_never_ends_is_ended_in_a_sentence(limits, said):
 def test_what_keeps_its_limits_is_left_alone():
     done = run("pass", minutes=1, megabytes=4000)
     assert done.stdout == "done\n"
-    with limited("x", None, None, print, sys.stderr):
+    with limited("x", None, None, say=print, file=sys.stderr):
         pass
-    assert _beyond("x", None, None, 1e9) == ""
+    assert _beyond("x", None, None, seconds=1e9) == ""
     assert resident_megabytes() > 10
 
 

@@ -47,7 +47,7 @@ def shape(request):
 
 
 def test_points_lie_as_deep_as_the_exact_force_reaches(shape):
-    contacts = draw_contacts(shape.body, SCALE, 4000, np.random.default_rng(1))
+    contacts = draw_contacts(shape.body, SCALE, 4000, rng=np.random.default_rng(1))
     for probes, deepest in zip(contacts.sets.values(), (0.01, 0.04), strict=True):
         assert (probes.distance < 1e-9).all()
         assert probes.distance.min() >= -deepest - 1e-9
@@ -57,7 +57,7 @@ def test_points_lie_as_deep_as_the_exact_force_reaches(shape):
 
 
 def test_no_control_passes_anything_and_the_exact_field_lacks_nothing(shape):
-    contacts = draw_contacts(shape.body, SCALE, 20_000, np.random.default_rng(2))
+    contacts = draw_contacts(shape.body, SCALE, 20_000, rng=np.random.default_rng(2))
     exact = ExactField("exact", shape.body)
     found = contact_errors(forces(exact), contacts)["contact-deep"]
     assert found["mean"] == found["missing"] == found["felt"] == 0
@@ -84,7 +84,7 @@ def test_a_plate_without_force_is_not_called_right_by_a_mean():
     deep = points - np.random.default_rng(1).uniform(0, 0.04, 20_000)[:, None] * normals
     old = np.linalg.norm(penalty_force(*plate.engine.distance_and_normal(deep)), axis=1).mean()
     assert old < 1e-3  # the README's own budget, met by nothing at all
-    contacts = draw_contacts(plate.body, SCALE, 5000, np.random.default_rng(2))
+    contacts = draw_contacts(plate.body, SCALE, 5000, rng=np.random.default_rng(2))
     assert contact_errors(forces(zero), contacts)["contact-deep"]["relative"] == pytest.approx(1)
 
 
@@ -123,18 +123,18 @@ def test_missing_and_felt_by_hand():
         / newtons
     )
     for wall in (thick, walls):
-        lacks = missing(force, exact, wall, newtons)
+        lacks = missing(force, exact, wall, newtons=newtons)
         assert lacks.tolist() == [False, True, False, True, False, True]
     assert felt(force, exact, newtons).tolist() == [False, True, True, True, True, True]
-    assert felt(force, exact, newtons, 0.4).tolist() == [False, True, True, True, False, True]
+    assert felt(force, exact, newtons, share=0.4).tolist() == [False, True, True, True, False, True]
     # away from walls what falls short by less than 0.05 N is felt by nobody
     weak = exact * 0.06
-    assert missing(0.3 * weak, weak, thick, newtons).tolist() == [False] * 6
-    assert missing(0.1 * weak, weak, thick, newtons).tolist() == [True] * 6
+    assert missing(0.3 * weak, weak, thick, newtons=newtons).tolist() == [False] * 6
+    assert missing(0.1 * weak, weak, thick, newtons=newtons).tolist() == [True] * 6
     assert felt(0.8 * weak, weak, newtons).tolist() == [False] * 6
     # a wall that pushes with a hundredth of that is judged all the same
-    assert missing(0.003 * weak, 0.01 * weak, walls, newtons).tolist() == [True] * 6
-    assert missing(0.006 * weak, 0.01 * weak, walls, newtons).tolist() == [False] * 6
+    assert missing(0.003 * weak, 0.01 * weak, walls, newtons=newtons).tolist() == [True] * 6
+    assert missing(0.006 * weak, 0.01 * weak, walls, newtons=newtons).tolist() == [False] * 6
     # nothing judged is nothing known: no verdict rests on it
     nothing = {"judged": 0.0, "missing": 1.0, "felt": 1.0}
     assert shares(weak, probes_of(0.1 * weak * newtons)) == nothing
@@ -146,13 +146,13 @@ def test_what_lies_between_forces_nearby_is_not_strongly_felt():
     exact = probes_of(np.array([[0.0, 0, 1]] * 4))
     exact.__dict__["around"] = np.tile([1.0, 0, 0], (4, 8, 1)) / SCALE.newtons
     force = np.array([[0.7, 0, 0.7], [0.2, 0, 0.8], [0, 0.7, 0.7], [0, 0, 0.3]]) / SCALE.newtons
-    assert felt(force, exact.force, SCALE.newtons, 0.4).tolist() == [True, False, True, True]
+    assert felt(force, exact.force, SCALE.newtons, share=0.4).tolist() == [True, False, True, True]
     assert strongly_felt(force, exact).tolist() == [False, False, True, True]
 
 
 def test_a_patch_is_what_hangs_together():
     torus = open_shape("finned-ball")
-    drawn = draw_contacts(torus.body, SCALE, 10_000, np.random.default_rng(4))
+    drawn = draw_contacts(torus.body, SCALE, 10_000, rng=np.random.default_rng(4))
     probes = drawn.sets["contact-deep"]
     near = np.linalg.norm(probes.points - probes.points[0], axis=1)
     near += probes.normal @ probes.normal[0] < 0  # the other side of the fin is another place
@@ -166,10 +166,10 @@ def test_a_patch_is_what_hangs_together():
 def test_stratified_points_count_the_area_of_a_fin_they_press_on():
     """Two fins on a ball: a third of the surface, and half of the points."""
     ball = open_shape("finned-ball")
-    places = stratify(ball.body, SCALE, 400, np.random.default_rng(4))
+    places = stratify(ball.body, SCALE, 400, rng=np.random.default_rng(4))
     assert places.weight.sum() == pytest.approx(1)
     thin = places.radius < 0.02
-    contacts = draw_contacts(ball.body, SCALE, 20_000, np.random.default_rng(5))
+    contacts = draw_contacts(ball.body, SCALE, 20_000, rng=np.random.default_rng(5))
     uniform = -contacts.pressed.distance < OF_RADIUS * 0.02
     assert places.weight[thin].sum() == pytest.approx(uniform.mean(), abs=0.1)
     assert thin.mean() > 0.5
@@ -192,7 +192,7 @@ def test_a_promise_is_kept_on_other_points():
     sheet = open_shape("bent-sheet")
     field = Lucky(ExactField("exact", sheet.body), np.quantile(sheet.engine.vertices[:, 2], 0.02))
     first, second = (
-        draw_contacts(sheet.body, SCALE, 20_000, np.random.default_rng(seed)) for seed in (6, 7)
+        draw_contacts(sheet.body, SCALE, 20_000, rng=np.random.default_rng(seed)) for seed in (6, 7)
     )
     _, upper = promise(forces(field), first)
     found, _ = promise(forces(field), second)
@@ -232,7 +232,7 @@ def test_a_gap_is_where_the_wall_is_thinnest_and_has_the_same_place_again():
     pressed = points - 0.9 * radius[:, None] * normals
     lacks = one.answer(pressed)[0] == 0
     assert np.array_equal(lacks, other.answer(pressed)[0] == 0)
-    wall = are_walls(blade.engine, points, normals, radius)
+    wall = are_walls(blade.engine, points, normals, radius=radius)
     pushing = OF_RADIUS * radius * SCALE.newtons >= JUDGED
     judged = (wall | pushing) & ~too_thin(radius, wall, SCALE)
     assert radius[lacks & judged].max() <= np.quantile(radius[judged], 0.06)

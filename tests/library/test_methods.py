@@ -27,7 +27,7 @@ from support import artifact, box_mesh
 
 FRAME = Frame((0.0, 0.0, 0.0), 0.9)
 AT = FRAME.attributes()
-BODY = Body(*SHAPES["sphere"].tessellation(), FRAME, "sphere")
+BODY = Body(*SHAPES["sphere"].tessellation(), FRAME, shape="sphere")
 ENGINE = BODY.distance
 #: Mean error as a share of the mean force: what correct code gives, computed apart from this
 #: code with NumPy scripts, for a spiral of 2,000 samples 2 to 5 % deep and 100³ nodes.
@@ -57,7 +57,9 @@ def held(name):
         return artifact(
             "planes", build_planes(FRAME.to_unit(vertices), ENGINE, silent_progress), AT
         )
-    grid = DenseGrid(ENGINE, CONTENTS[spec.form], spec.size, (0.06, 0.02), silent_progress)
+    grid = DenseGrid(
+        ENGINE, CONTENTS[spec.form], spec.size, band=(0.06, 0.02), progress=silent_progress
+    )
     values = {"values": np.concatenate(list(grid.slabs(32)))}
     return artifact("grid", values, grid.attributes() | AT)
 
@@ -70,7 +72,7 @@ def opened(name):
 
 def spiral(samples=2000):
     options = TrajectoryOptions(kind="spiral", samples=samples)
-    path, _ = trace(BODY, options, 0, silent_progress)
+    path, _ = trace(BODY, options, 0, progress=silent_progress)
     return path["points"], penalty_force(path["distance"], path["normal"])
 
 
@@ -95,9 +97,9 @@ def test_spiral_is_as_deep_as_it_should_be():
 
 
 def test_spiral_is_for_spheres():
-    torus = Body(*SHAPES["torus"].tessellation(), FRAME, "torus")
+    torus = Body(*SHAPES["torus"].tessellation(), FRAME, shape="torus")
     with pytest.raises(PandisError, match=r"trajectory\.kind: a spiral is for analytic:sphere"):
-        trace(torus, TrajectoryOptions(kind="spiral"), 0, silent_progress)
+        trace(torus, TrajectoryOptions(kind="spiral"), 0, progress=silent_progress)
 
 
 # --- [22] ---------------------------------------------------------------------------------

@@ -5,6 +5,7 @@ import pytest
 
 from pandis.base.errors import PandisError
 from pandis.base.physical import Scale
+from pandis.base.progress import Context
 from pandis.pipeline.geometry.points import Points
 from pandis.pipeline.kinds.network.build import WIDTHS, train
 from pandis.pipeline.kinds.network.training.trainer import Trainer
@@ -21,7 +22,7 @@ def sized(drawn, folder, log=lambda text: None, **options):
     own = own.model_copy(update={"recipe": own.recipe.model_copy(update=loose)})
     strata = drawn[1]
     points = Points(strata.body, Scale(0.1, 400.0), own.seed)
-    return train(own, *drawn, points, folder / "train-r.0.pt", silent_progress, log)
+    return train(own, drawn, points, context=Context(folder / "train-r.0.pt", silent_progress, log))
 
 
 def test_it_is_the_narrowest_and_the_one_that_training_alone_makes(samples, tmp_path):  # noqa: F811
@@ -33,9 +34,13 @@ def test_it_is_the_narrowest_and_the_one_that_training_alone_makes(samples, tmp_
     assert tried[-1]["force_error"] <= 7e-3
     assert len(tried) > 1
     assert (np.diff([one["bytes"] for one in tried]) > 0).all()
-    alone = Trainer(task(steps=150, width=width, base=None), *samples, tmp_path / "a.pt", print)
+    alone = Trainer(
+        task(steps=150, width=width, base=None),
+        samples,
+        Context(tmp_path / "a.pt", silent_progress, print),
+    )
     own = {key: value for key, value in attributes.items() if key != "sizing"}
-    assert same((arrays, own), alone.run(silent_progress))
+    assert same((arrays, own), alone.run())
     finish()
     assert not list(tmp_path.glob("*.pt"))
 

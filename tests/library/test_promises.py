@@ -66,7 +66,7 @@ def points_of(name):
 def fresh(name):
     """Return points of a shape that neither choice nor promise has seen."""
     own = shape(name)
-    return draw_contacts(own.body, SCALE, FRESH, np.random.default_rng([77, 5, 1]))
+    return draw_contacts(own.body, SCALE, FRESH, rng=np.random.default_rng([77, 5, 1]))
 
 
 _MADE, _PROVED, _TRIED = {}, {}, {}
@@ -118,8 +118,10 @@ def every(name, tmp_path):
     sizes = sorted((grid_bytes(k, n), k, n) for k in TRIED for n in SIZES)
     sizes += [(size, "spline", size) for size in SPLINES]
     for bytes_, kind, size in sizes:
-        where = made.points, made.body.frame, made.options.band, silent_progress
-        maker = SplineMaker(*where) if kind == "spline" else GridMaker(kind, *where)
+        if kind == "spline":
+            maker = SplineMaker(made.points, made.options.band, silent_progress)
+        else:
+            maker = GridMaker(kind, made.points, made.options.band, progress=silent_progress)
         candidate = maker.make(size)
         if candidate is not None:
             listed.append((bytes_, kind, size, candidate, figures(candidate.field, name)))

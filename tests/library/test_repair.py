@@ -26,7 +26,7 @@ from validity import assert_valid, volume
 def fix(vertices, faces, **options):
     """Repair; return vertices, faces, the record and the names of what was kept."""
     arrays, record = ladder.repair(
-        vertices, np.asarray(faces, np.int64), MeshOptions(**options), 0, log=lambda text: None
+        vertices, np.asarray(faces, np.int64), MeshOptions(**options), seed=0, log=lambda text: None
     )
     kept = [rung["operation"] for rung in record["rungs"] if rung["kept"]]
     return arrays["vertices"], arrays["faces"], record, kept
@@ -453,7 +453,7 @@ def test_deviation_is_that_of_an_offset():
 
 def test_origin_of_every_face():
     vertices, faces = ball(3)
-    arrays, _ = ladder.repair(vertices, faces[4:], MeshOptions(), 0, log=lambda text: None)
+    arrays, _ = ladder.repair(vertices, faces[4:], MeshOptions(), seed=0, log=lambda text: None)
     assert (arrays["origin"] == 0).sum() == len(faces) - 4
     assert (arrays["origin"] == 2).sum() > 0
     assert (arrays["deviation"][arrays["origin"] == 0] == 0).all()

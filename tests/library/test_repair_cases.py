@@ -31,14 +31,14 @@ def joined(*parts):
 
 def mended(mesh, **options):
     said = []
-    arrays, record = repair(*mesh, MeshOptions(**options), 0, said.append)
+    arrays, record = repair(*mesh, MeshOptions(**options), seed=0, log=said.append)
     assert_valid(arrays["vertices"], arrays["faces"], points=2000)
     return arrays["vertices"], arrays["faces"].astype(np.int64), record, "\n".join(said)
 
 
 def refusal(mesh, **options):
     with pytest.raises(PandisError) as caught:
-        repair(*mesh, MeshOptions(**options), 0, lambda text: None)
+        repair(*mesh, MeshOptions(**options), seed=0, log=lambda text: None)
     return str(caught.value)
 
 

@@ -134,7 +134,7 @@ def check(seed, monkeypatch):
     vertices, faces, options = damaged(seed)
     try:
         check_arrays(vertices, faces)
-        arrays, record = repair.repair(vertices, faces, options, 0, log=lambda text: None)
+        arrays, record = repair.repair(vertices, faces, options, seed=0, log=lambda text: None)
     except (PandisError, tools.ToolError, FormatError):
         return "refused"
     assert record["after"]["valid"]

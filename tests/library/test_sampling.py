@@ -207,7 +207,7 @@ def test_probe_sets_follow_the_contract(torus):
 
 
 def path_of(body, **options):
-    return trace(body, TrajectoryOptions(**options), 3, silent_progress)[0]
+    return trace(body, TrajectoryOptions(**options), 3, progress=silent_progress)[0]
 
 
 def test_trajectory_is_exact_smooth_and_of_the_depth_asked_for(torus):
@@ -236,7 +236,7 @@ def test_a_path_follows_the_thickness_of_what_is_too_thin_for_it(name):
     """A sheet-metal part got no report at all: its walls are thinner than the usual depth."""
     shape = open_shape(name)
     options = TrajectoryOptions(samples=200)
-    found, attributes = trace(shape.body, options, 1, silent_progress)
+    found, attributes = trace(shape.body, options, 1, progress=silent_progress)
     distance, normal = shape.engine.distance_and_normal(found["points"])
     assert (distance < 0).all()
     assert np.array_equal(distance, found["distance"])

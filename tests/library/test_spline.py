@@ -142,6 +142,6 @@ def test_a_fit_gives_the_same_bits_whatever_threads_blas_has():
     fits = []
     for threads in (1, 2, 4):
         with threadpool_limits(threads, user_api="blas"):
-            fits.append(fit([level], [np.zeros(22**3)], targets, 2, 4)[0])
+            fits.append(fit([level], [np.zeros(22**3)], targets, rounds=2, steps=4)[0])
     assert np.array_equal(fits[0], fits[1])
     assert np.array_equal(fits[0], fits[2])

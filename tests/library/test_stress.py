@@ -13,7 +13,7 @@ from pandis.pipeline.geometry.places import Stratified
 from pandis.pipeline.geometry.shapes import SHAPES
 from pandis.pipeline.judge.controls import controls
 from pandis.pipeline.judge.stress.contact import holding, wanted_force
-from pandis.pipeline.judge.stress.coupled import LADDER, simulate, stable_stiffness
+from pandis.pipeline.judge.stress.coupled import LADDER, Loop, simulate, stable_stiffness
 from pandis.pipeline.judge.stress.ghosts import ghosts
 from pandis.pipeline.judge.stress.jumps import jumps
 from pandis.pipeline.judge.stress.physical import Device
@@ -169,7 +169,7 @@ CONTROLS = {
 @pytest.fixture(scope="module")
 def sphere():
     vertices, faces = SHAPES["sphere"].tessellation()
-    return Suite(Body(vertices, faces, FRAME, "sphere"), SCALE, OPTIONS, 0)
+    return Suite(Body(vertices, faces, FRAME, shape="sphere"), SCALE, OPTIONS, seed=0)
 
 
 @pytest.fixture(scope="module")
@@ -180,7 +180,7 @@ def tried(sphere):
 
 
 def test_the_exact_sphere_passes_everything(sphere, tried):
-    arrays, attributes = stress([Exact()], tried, sphere, 1, silent_progress)
+    arrays, attributes = stress([Exact()], tried, sphere, count=1, progress=silent_progress)
     assert attributes["failed"] == {"exact": []}
     # a ball has no walls, and so no control-thin
     assert attributes["controls"] == {"control-zero": ["missing"], "control-gap": ["missing"]}
@@ -191,13 +191,15 @@ def test_the_exact_sphere_passes_everything(sphere, tried):
 def test_a_suite_that_passes_a_control_ends_its_stage(sphere):
     blind = Exact("control-blind")
     with pytest.raises(PandisError, match="the stress suite is blind.*control-blind"):
-        stress([Exact()], [blind], sphere, 1, silent_progress)
+        stress([Exact()], [blind], sphere, count=1, progress=silent_progress)
 
 
 @pytest.mark.slow
 def test_two_at_a_time_find_what_one_does(sphere):
     fields = [Exact(), grid("tricubic", "distance", 24), Exact("again")]
-    alone, beside = (stress(fields, [], sphere, count, silent_progress)[1] for count in (1, 2))
+    alone, beside = (
+        stress(fields, [], sphere, count=count, progress=silent_progress)[1] for count in (1, 2)
+    )
     assert alone == beside
     assert alone["fields"]["exact"] == alone["fields"]["again"] != alone["fields"]["tricubic-24"]
 
@@ -223,7 +225,7 @@ def test_what_is_no_number_is_caught(sphere):
 def test_fields_that_need_a_path_are_skipped_with_a_reason(sphere):
     field = Exact("salisbury")
     field.ordered = True
-    attributes = stress([field], [], sphere, 1, silent_progress)[1]
+    attributes = stress([field], [], sphere, count=1, progress=silent_progress)[1]
     assert attributes["fields"] == {}
     assert "path" in attributes["skipped"]["salisbury"]
 
@@ -232,7 +234,7 @@ def test_fields_that_need_a_path_are_skipped_with_a_reason(sphere):
 
 
 def grid(kind, content, size):
-    made = DenseGrid(ENGINE, content, size, (0.09, 0.02), silent_progress)
+    made = DenseGrid(ENGINE, content, size, band=(0.09, 0.02), progress=silent_progress)
     values = np.concatenate(list(made.slabs(8)))
     held = artifact("grid", {"values": values}, made.attributes() | FRAME.attributes())
     return open_as(kind, held, f"{kind}-{size}")
@@ -271,7 +273,8 @@ def test_largest_stable_stiffness_is_that_of_the_theory(late, wanted):
     point, normal = np.zeros((2, 3)), np.tile([0.0, 0, 1], (2, 1))
     start = -0.9 * device.press / stiffness[:, None]  # in contact: theory knows no leaving
     press = np.full(2, device.press)
-    found = simulate(wall, point, normal, stiffness, SCALE, device, press, 12_000, start)
+    loop = Loop(wall, SCALE, device)
+    found = simulate(loop, (point, normal), stiffness, press=press, ticks=12_000, start=start)
     assert found.swing[0] < 1e-4
     assert found.swing[1] > 1e-4
     assert found.share[0] == pytest.approx(1, abs=1e-2)
@@ -287,8 +290,8 @@ def test_friction_lets_a_wall_be_stiffer():
     for friction in (0.0, 0.26):
         one = device._replace(friction=friction)
         exact = ENGINE.distance_and_normal
-        wanted = wanted_force(exact, places, SCALE, one)
-        found.append(stable_stiffness(exact, places, wanted, SCALE, one))
+        wanted = wanted_force(exact, places, SCALE, device=one)
+        found.append(stable_stiffness(Loop(exact, SCALE, one), places, wanted))
     assert found[0] < 300
     assert found[1] >= 1000
     assert set(found) <= {0.0, *(LADDER * 400)}
@@ -310,7 +313,7 @@ def test_a_plate_holds_half_its_thickness():
     places = Stratified(
         np.array([[0.1, 0.2, 0.05]]), np.eye(3)[2:], np.array([0.05]), np.ones(1), np.ones(1, bool)
     )
-    found = holding(engine.distance_and_normal, places, SCALE, Device(**TOUCH))
+    found = holding(engine.distance_and_normal, places, SCALE, device=Device(**TOUCH))
     assert found == pytest.approx(400 * 0.05 / SCALE.metre, rel=0.05)  # to a step of the ray
     assert found <= 400 * 0.05 / SCALE.metre
 
@@ -327,7 +330,7 @@ def test_a_walk_stays_in_the_box_and_goes_at_its_pace():
 
 
 def test_same_seed_same_figures(sphere):
-    again = Suite(sphere.body, SCALE, OPTIONS, 0)
+    again = Suite(sphere.body, SCALE, OPTIONS, seed=0)
     field = grid("tricubic", "distance", 24)
     assert again.ask(field, silent_progress) == sphere.ask(field, silent_progress)
     assert np.abs(penalty_force(*field.answer(again.shell.points))).max() > 0
@@ -344,7 +347,7 @@ def test_contacts_tell_what_is_hollow_and_what_is_wrong_deep_inside(sphere):
 
     def told(field):
         rng = np.random.default_rng(0)
-        return ghosts(field.answer, sphere.body, 200_000, SCALE, rng)
+        return ghosts(field.answer, sphere.body, 200_000, scale=SCALE, rng=rng)
 
     assert (told(Exact())["hollow"], told(Exact())["core"]) == (0, 0)
     cap, ball = 0.4**2 * (3 * R - 0.4) / 4, R**3  # the volumes, over 4 pi / 3
@@ -366,7 +369,7 @@ def test_the_exact_forces_own_changes_are_told():
     points = np.tile([R - 0.02, R - 0.02 - 1e-4, 0.1], (20, 1))
     along = np.tile(np.array([-1.0, 1.0, 0.0]) / np.sqrt(2), (20, 1))
     shell = Shell(points, np.full(20, 1 / 20))
-    found = jumps(cube, cube, shell, along, SCALE, Device(**TOUCH))
+    found = jumps(cube, cube, shell, along=along, scale=SCALE, device=Device(**TOUCH))
     wanted = 0.02 * np.sqrt(2) * SCALE.newtons
     assert found["exact_max"] == pytest.approx(wanted, rel=0.1)
     assert found["exact_max"] == found["mm01_max"]

@@ -19,19 +19,19 @@ from test_stress import FRAME, OPTIONS, SCALE, Exact
 @pytest.fixture(scope="module")
 def ball():
     vertices, faces = SHAPES["sphere"].tessellation()
-    return Body(vertices, faces, FRAME, "sphere")
+    return Body(vertices, faces, FRAME, shape="sphere")
 
 
 @pytest.fixture(scope="module")
 def sphere(ball):
-    return Suite(ball, SCALE, OPTIONS, 0)
+    return Suite(ball, SCALE, OPTIONS, seed=0)
 
 
 @pytest.fixture(scope="module")
 def field(ball):
     exact = ExactField("exact", ball)
     return ExportedField(
-        "exact", export_native(exact, ball, NativeOptions(), {}, lambda text: None)
+        "exact", export_native(exact, ball, NativeOptions(), provenance={}, log=lambda text: None)
     )
 
 
@@ -84,7 +84,7 @@ WRONG = {
 
 
 def test_the_exact_sphere_passes_everything(sphere, field):
-    _, attributes = stress([field], [], sphere, 1, silent_progress)
+    _, attributes = stress([field], [], sphere, count=1, progress=silent_progress)
     assert attributes["proxies_failed"] == {"exact": []}
     rows = attributes["proxies"]["exact"]
     assert list(rows) == list(PROXY_QUESTIONS)
@@ -110,10 +110,10 @@ def test_what_holds_nothing_fails_and_a_suite_that_lets_it_pass_ends_its_stage(
     assert {"holds", "stays"} <= set(failures(sphere.feel(nothing, 0.0)))
     monkeypatch.setattr(suites, "nothing", Felt.of(field, SCALE))
     with pytest.raises(Exception, match="the stress suite of proxies is blind"):
-        stress([], [], sphere, 1, silent_progress)
+        stress([], [], sphere, count=1, progress=silent_progress)
 
 
 def test_fields_without_a_proxy_are_not_asked_for_it(sphere):
     assert sphere.touch(Exact()) == {}
-    _, attributes = stress([], [], sphere, 1, silent_progress, proxies=False)
+    _, attributes = stress([], [], sphere, count=1, progress=silent_progress, proxies=False)
     assert attributes["proxies"] == {}

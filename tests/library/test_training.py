@@ -7,6 +7,7 @@ from scipy.spatial import cKDTree
 
 from pandis.base.errors import PandisError
 from pandis.base.frame import UNIT, Frame
+from pandis.base.progress import Context
 from pandis.pipeline.geometry.body import Body
 from pandis.pipeline.geometry.shapes import SHAPES
 from pandis.pipeline.geometry.strata import Strata
@@ -14,7 +15,7 @@ from pandis.pipeline.kinds.network.spec import TrainTask
 from pandis.pipeline.kinds.network.training import exact_loss, vectors
 from pandis.pipeline.kinds.network.training import paper_loss as losses
 from pandis.pipeline.kinds.network.training import trainer as trainer_module
-from pandis.pipeline.kinds.network.training.batches import vertex_points
+from pandis.pipeline.kinds.network.training.batches import TrainingPoints, vertex_points
 from pandis.pipeline.kinds.network.training.elements import sines
 from pandis.pipeline.kinds.network.training.network import Siren
 from pandis.pipeline.kinds.network.training.optimiser import orthogonal
@@ -28,13 +29,13 @@ from support import artifact, sample
 
 @pytest.fixture(scope="module")
 def samples():
-    body = Body(*SHAPES["sphere"].tessellation(), Frame((0.0, 0.0, 0.0), 0.9), "sphere")
+    body = Body(*SHAPES["sphere"].tessellation(), Frame((0.0, 0.0, 0.0), 0.9), shape="sphere")
     options = SampleOptions(
         surface=4000, offsets=4000, scales=[0.01, 0.05], shallow=4000, penetration=4000,
         depth=0.05, bent=0, core=500, box=2000, held_out=2000,
     )  # fmt: skip
     drawn = artifact("samples", *sample(body, options, 1, silent_progress))
-    return drawn, Strata(body, options, 1)
+    return TrainingPoints(drawn, Strata(body, options, 1))
 
 
 def recipe(loss="exact", **options):
@@ -48,7 +49,9 @@ def task(seed=7, **options):
 
 
 def trainer(samples, tmp_path, **options):
-    return Trainer(task(**options), *samples, tmp_path / "c.pt", log=lambda text: None)
+    return Trainer(
+        task(**options), samples, Context(tmp_path / "c.pt", silent_progress, lambda text: None)
+    )
 
 
 def same(one, other):
@@ -68,7 +71,9 @@ def plain(network, points):
 
 @pytest.mark.parametrize("outputs", [1, 4])
 def test_hand_written_gradient_is_autograds(outputs):
-    network = Siren(20, 3, 30.0, outputs, torch.Generator().manual_seed(0)).double()
+    network = Siren(
+        20, 3, 30.0, outputs=outputs, generator=torch.Generator().manual_seed(0)
+    ).double()
     points = torch.rand(50, 3, dtype=torch.float64).requires_grad_()
     output, gradient = network.forward_with_gradient(points)
     (wanted,) = torch.autograd.grad(plain(network, points)[:, 0].sum(), points)
@@ -80,7 +85,9 @@ def test_hand_written_gradient_is_autograds(outputs):
 @pytest.mark.parametrize("depth", [1, 2, 4])
 @pytest.mark.parametrize("outputs", [1, 4])
 def test_hand_written_backward_is_that_of_double_backward(depth, outputs):
-    network = Siren(12, depth, 30.0, outputs, torch.Generator().manual_seed(0)).double()
+    network = Siren(
+        12, depth, 30.0, outputs=outputs, generator=torch.Generator().manual_seed(0)
+    ).double()
     points = torch.rand(30, 3, dtype=torch.float64).requires_grad_()
 
     def loss(output, gradient):
@@ -146,7 +153,7 @@ def gradient_of(parameter):
 
 
 def test_initialisation_is_sirens():
-    network = Siren(256, 4, 30.0, 4, torch.Generator().manual_seed(0))
+    network = Siren(256, 4, 30.0, outputs=4, generator=torch.Generator().manual_seed(0))
     assert network.weights[0].abs().max() <= 1 / 3
     for weight in network.weights[1:]:
         assert weight.abs().max() <= math.sqrt(6 / 256) / 30
@@ -179,7 +186,9 @@ def test_total_is_the_weighted_sum():
     on, off = rows([0.1, 1, 0, 0]), rows([0.02, 0, 2, 0])
     g_on, g_off = rows([0.0, 3, 0]), rows([1.0, 1, 0])
     options = recipe("paper")
-    total = losses.paper_loss(on, g_on, off, g_off, rows([1.0, 0, 0]), options).item()
+    total = losses.paper_loss(
+        on, g_on, off, off_gradient=g_off, normal=rows([1.0, 0, 0]), options=options
+    ).item()
     by_hand = (
         50 * (2 + math.sqrt(2) - 1) / 2 + 100 * 1 + 3000 * 0.1 + 100 * math.exp(-2)
         + 50 * (0 + 1) / 2 + 100 * 0 + 100 * (1 - 1 / math.sqrt(2))
@@ -193,8 +202,10 @@ def test_a_mean_over_the_whole_batch_is_one_with_zeros_where_a_term_does_not_hol
     here = torch.arange(on)[:, None] + rows([0.1, 1, 0.5, 0])
     there, n = rows([0.02, 0, 2, 0]).repeat(off, 1), rows([1.0, 0, 0]).repeat(on, 1)
     g_here, g_there = rows([0.5, 3, 0]).repeat(on, 1), rows([1.0, 1, 0]).repeat(off, 1)
-    given = here, g_here, there, g_there, n
-    total = losses.paper_loss(*given, recipe("paper", weighting="batch")).item()
+    given = {"off_gradient": g_there, "normal": n}
+    total = losses.paper_loss(
+        here, g_here, there, **given, options=recipe("paper", weighting="batch")
+    ).item()
     zeros_on, zeros_off = torch.zeros(on), torch.zeros(off)
     gradient = torch.cat([g_here, g_there])
     each = [
@@ -208,7 +219,7 @@ def test_a_mean_over_the_whole_batch_is_one_with_zeros_where_a_term_does_not_hol
     ]
     by_hand = sum(w * t.mean() for w, t in zip(recipe("paper").weights, each, strict=True))
     assert total == pytest.approx(by_hand.item(), rel=1e-9)
-    subset = losses.paper_loss(*given, recipe("paper")).item()
+    subset = losses.paper_loss(here, g_here, there, **given, options=recipe("paper")).item()
     assert subset > total  # four of the terms weigh more there
 
 
@@ -217,7 +228,9 @@ def test_stop_gradient_keeps_psi_from_training_phi():
         g = rows([1.0, 1, 0]).requires_grad_()
         options = recipe("paper", weights=[0, 0, 0, 0, 0, 0, 100.0], stop_gradient=stop)
         one = rows([0.0, 1, 0, 0])
-        losses.paper_loss(one, rows([1.0, 0, 0]), one, g, rows([1.0, 0, 0]), options).backward()
+        losses.paper_loss(
+            one, rows([1.0, 0, 0]), one, off_gradient=g, normal=rows([1.0, 0, 0]), options=options
+        ).backward()
         assert (g.grad is None or not g.grad.any()) == stop
 
 
@@ -254,11 +267,15 @@ def test_off_surface_term_makes_no_subnormals():
 def test_exact_loss_is_zero_at_the_truth_and_counts_force():
     options = recipe()
     distance, normal = rows(-0.02, 0.0), rows([1.0, 0, 0], [0, 1.0, 0])
-    floor = exact_loss.exact_loss(distance, normal, distance, normal, options).item()
+    floor = exact_loss.exact_loss(distance, normal, distance, normal=normal, options=options).item()
     assert floor == pytest.approx(0, abs=1e-5)
-    off = exact_loss.exact_loss(distance + 0.01, normal, distance, normal, options).item()
+    off = exact_loss.exact_loss(
+        distance + 0.01, normal, distance, normal=normal, options=options
+    ).item()
     assert off == pytest.approx(0.01 * (0.5 + 1) / 2, rel=1e-3)
-    turned = exact_loss.exact_loss(distance, normal.flip(0), distance, normal, options).item()
+    turned = exact_loss.exact_loss(
+        distance, normal.flip(0), distance, normal=normal, options=options
+    ).item()
     assert turned == pytest.approx(options.normal_weight * 2**0.5 * 0.75, rel=1e-3)
 
 
@@ -269,8 +286,8 @@ def test_exact_loss_is_zero_at_the_truth_and_counts_force():
 @pytest.mark.parametrize("loss", ["exact", "paper"])
 def test_training_learns_and_reproduces(samples, tmp_path, loss, direction):
     options = {"loss": loss, "direction": direction, "steps": 150}
-    one = trainer(samples, tmp_path, **options).run(silent_progress)
-    other = trainer(samples, tmp_path, **options).run(silent_progress)
+    one = trainer(samples, tmp_path, **options).run()
+    other = trainer(samples, tmp_path, **options).run()
     assert same(one, other)
     curve = one[0]["curve"]
     assert curve[-1, 1] < 0.7 * curve[0, 1]
@@ -282,7 +299,7 @@ def test_training_learns_and_reproduces(samples, tmp_path, loss, direction):
 @pytest.mark.parametrize("loss", ["exact", "paper"])
 def test_resumed_run_ends_bit_identical(samples, tmp_path, loss):
     """Interrupt a run at every tenth step; the checkpoint alone carries it on."""
-    undisturbed = trainer(samples, tmp_path, loss=loss).run(silent_progress)
+    undisturbed = trainer(samples, tmp_path, loss=loss).run()
 
     class Interrupted(Exception):
         pass
@@ -301,7 +318,7 @@ def test_resumed_run_ends_bit_identical(samples, tmp_path, loss):
 
         run._advance = interrupt
         try:
-            result = run.run(silent_progress)
+            result = run.run()
         except Interrupted:
             stops += 1
     assert stops >= 5
@@ -311,15 +328,15 @@ def test_resumed_run_ends_bit_identical(samples, tmp_path, loss):
 
 
 def test_damaged_checkpoint_starts_afresh(samples, tmp_path):
-    undisturbed = trainer(samples, tmp_path).run(silent_progress)
+    undisturbed = trainer(samples, tmp_path).run()
     (tmp_path / "c.pt").write_bytes(b"half a checkpoint")
-    assert same(trainer(samples, tmp_path).run(silent_progress), undisturbed)
+    assert same(trainer(samples, tmp_path).run(), undisturbed)
 
 
 def test_seed_and_options_matter(samples, tmp_path):
-    one = trainer(samples, tmp_path).run(silent_progress)
-    other = Trainer(task(seed=8), *samples, tmp_path / "c.pt", print).run(silent_progress)
-    assert not same(one, other)
+    one = trainer(samples, tmp_path).run()
+    context = Context(tmp_path / "c.pt", silent_progress, print)
+    assert not same(one, Trainer(task(seed=8), samples, context).run())
 
 
 def test_numbers_after_a_training_are_those_of_before(samples, tmp_path):
@@ -327,12 +344,12 @@ def test_numbers_after_a_training_are_those_of_before(samples, tmp_path):
     least = np.full(1, np.nextafter(0.0, 1.0))
     trained = trainer(samples, tmp_path, steps=3)
     assert (least > 0).all()
-    trained.run(silent_progress)
+    trained.run()
     assert (least > 0).all()
 
 
 def test_budget_in_seconds_records_its_steps(samples, tmp_path):
-    arrays, attributes = trainer(samples, tmp_path, steps=None, seconds=0.5).run(silent_progress)
+    arrays, attributes = trainer(samples, tmp_path, steps=None, seconds=0.5).run()
     assert not attributes["reproducible"]
     assert attributes["steps"] >= 1  # how many, the clock decides
     assert np.isfinite(arrays["weight_0"]).all()
@@ -341,18 +358,20 @@ def test_budget_in_seconds_records_its_steps(samples, tmp_path):
 def test_divergence_is_an_error_not_a_field(samples, tmp_path):
     wild = trainer(samples, tmp_path, learning_rate=1e30, warmup=0.0)
     with pytest.raises(PandisError, match=r"diverged.*train\.r\.learning_rate"):
-        wild.run(silent_progress)
+        wild.run()
     late = trainer(samples, tmp_path, steps=None, seconds=0.2)  # between two points of the curve
     with torch.no_grad():
         late.parameters[0][0, 0] = torch.nan
     with pytest.raises(PandisError, match="diverged"):
-        late.run(silent_progress)
+        late.run()
 
 
 @pytest.mark.parametrize("harm", ["nan", "wild"])
 def test_divergence_restarts_from_the_last_good_state(samples, tmp_path, harm):
     lines = []
-    run = Trainer(task(steps=200), *samples, tmp_path / "c.pt", lines.append)
+    run = Trainer(
+        task(steps=200), samples, Context(tmp_path / "c.pt", silent_progress, lines.append)
+    )
     advance, done = run._advance, []
 
     def harmed(share):
@@ -364,7 +383,7 @@ def test_divergence_restarts_from_the_last_good_state(samples, tmp_path, harm):
         return loss
 
     run._advance = harmed
-    arrays, attributes = run.run(silent_progress)
+    arrays, attributes = run.run()
     assert attributes["restarts"] == 1
     assert attributes["steps"] == 200
     assert any("diverged at step 120" in line for line in lines)
@@ -383,8 +402,10 @@ def test_checkpoint_that_cannot_be_written_does_not_stop_the_run(samples, tmp_pa
     monkeypatch.setattr("pandis.pipeline.kinds.network.training.trainer.CHECKPOINT_SECONDS", 0.0)
     (tmp_path / "file").write_text("in the way")
     lines = []
-    run = Trainer(task(steps=5), *samples, tmp_path / "file" / "c.pt", lines.append)
-    assert run.run(silent_progress)[1]["steps"] == 5
+    run = Trainer(
+        task(steps=5), samples, Context(tmp_path / "file" / "c.pt", silent_progress, lines.append)
+    )
+    assert run.run()[1]["steps"] == 5
     assert any("no checkpoint at step" in line for line in lines)
 
 
@@ -442,7 +463,11 @@ def test_paper_adds_to_a_base_what_it_answers_with(samples, tmp_path, direction)
     """What the loss sees, Φ, ∇Φ and Ψ at both halves of a batch, is what the field answers."""
     run = trainer(samples, tmp_path, loss="paper", base=8, direction=direction)
     batch, seen = run.batches.batch(3), []
-    losses_of, trainer_module.paper_loss = trainer_module.paper_loss, lambda *a: seen.append(a)
+
+    def paper_loss(*rows, off_gradient, **options):
+        seen.append((*rows, off_gradient))
+
+    losses_of, trainer_module.paper_loss = trainer_module.paper_loss, paper_loss
     try:
         run._loss(batch)
     finally:
@@ -476,7 +501,7 @@ def test_schedule_is_an_option_of_both_recipes(samples, tmp_path):
 
 def test_fewer_points_than_a_batch(samples, tmp_path):
     run = trainer(samples, tmp_path, loss="paper", batch=10_000, steps=3)
-    assert run.run(silent_progress)[1]["steps"] == 3
+    assert run.run()[1]["steps"] == 3
 
 
 def test_cuda_that_is_not_there_is_refused(samples, tmp_path):

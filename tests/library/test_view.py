@@ -43,8 +43,10 @@ def test_a_large_mesh_is_coarsened_and_stays_closed(torus):
 
 
 def test_errors_stand_where_the_field_errs(torus):
-    engine = MeshDistance(*torus)
-    found = surface_errors([Shallower(engine)], engine, *torus, silent_progress)
+    engine, (vertices, faces) = MeshDistance(*torus), torus
+    found = surface_errors(
+        [Shallower(engine)], engine, vertices, faces=faces, progress=silent_progress
+    )
     vertices, error = found["view_vertices"], found["view_error_shallower"]
     assert np.abs(engine.distance_and_normal(vertices)[0]).max() < 1e-6
     # a wall that begins 0.01 deeper lacks 0.01 of force, and less where there is less
@@ -61,7 +63,7 @@ def test_the_page_gets_positions_and_shades_that_can_be_read_back():
         "view_error_a": np.array([1e-3, 1e-2, 1e-6], np.float32),
         "paths": np.zeros((2, 5, 3), np.float32),
     }
-    held = json.loads(view(arrays, 10.0, ["a", "b"], "b"))
+    held = json.loads(view(arrays, 10.0, ["a", "b"], first="b"))
     whole = np.frombuffer(base64.b64decode(held["vertices"]), "<i2").reshape(-1, 3)
     assert np.abs(whole / 32767 - vertices).max() < 2e-5
     assert np.array_equal(np.frombuffer(base64.b64decode(held["faces"]), "<u2"), [0, 1, 2])

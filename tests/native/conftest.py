@@ -75,15 +75,15 @@ def fields(meshes):
     """Return a field by name: everything that has a native file."""
     found = {"exact": ExactField("exact", Body.open(meshes["exact"]))}
     engine = found["exact"].engine
-    arrays, record = build_compact(Body.open(meshes["exact"]), 14, 0, lambda text: None)
+    arrays, record = build_compact(Body.open(meshes["exact"]), 14, 0, log=lambda text: None)
     held = artifact("compact", arrays, record.attributes() | FRAME.attributes())
     found["compact"] = CompactField("compact-14", held)
     for rule in (*RULES, "nearest-box", "trilinear-box"):
-        made = DenseGrid(engine, CONTENTS[rule], 20, (0.2, 0.1), silent_progress)
+        made = DenseGrid(engine, CONTENTS[rule], 20, band=(0.2, 0.1), progress=silent_progress)
         values = np.concatenate(list(made.slabs(32)))
         held = artifact("grid", {"values": values}, made.attributes() | FRAME.attributes())
         found[rule] = open_field(parse_field(f"{rule}-20", ()), held)
-    fitted = SplineFit(found["exact"].body, (0.2, 0.1), 0, samples_for(budget=60_000))
+    fitted = SplineFit(found["exact"].body, (0.2, 0.1), 0, count=samples_for(budget=60_000))
     arrays, attributes = fitted.build(fitted.choose_size(60_000), 60_000, silent_progress)
     held = artifact("grid", arrays, attributes | FRAME.attributes())
     found["spline"] = open_field(parse_field("spline-auto", ()), held)
@@ -111,7 +111,9 @@ def files(fields, meshes, tmp_path_factory):
     body, options = Body.open(meshes["compact"]), NativeOptions(original_faces=True)
     paths["compact-faces"] = folder / "compact-faces.pandis"
     paths["compact-faces"].write_bytes(
-        export_native(fields["compact"], body, options, {"of": "compact"}, lambda text: None)
+        export_native(
+            fields["compact"], body, options, provenance={"of": "compact"}, log=lambda text: None
+        )
     )
     return paths
 

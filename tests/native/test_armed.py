@@ -98,7 +98,7 @@ def test_a_touch_and_go_while_the_force_comes_in_is_no_fault(files):
     )
     wanted = order(files, ticks, limits=LIMITS | ARMED | {"needs": 0, "ramp": 500})
     start = np.array([RADIUS + 1e-3, 0, 0])
-    session = hdapi.run_simulated(spec, start, rest, np.zeros(3), wanted)
+    session = hdapi.run_simulated(spec, start, rest, press=np.zeros(3), order=wanted)
     assert session.strongest > 0.5
     assert (session.cause, session.signs) == (hdapi.DONE, 0), session.sentence
 
@@ -108,11 +108,11 @@ def test_a_force_that_is_asked_for_every_third_tick_is_held_between(files):
     ticks = 150
     rest = np.zeros((ticks, 3))
     rest[:, 0] = RADIUS - 2e-3 + 1e-3 * np.sin(0.03 * np.arange(ticks))
-    places = np.array([RADIUS + 1e-3, 0, 0]), rest, np.zeros(3)
     limits = LIMITS | ARMED | {"needs": 0, "step": 3.3}
     wanted = order(files, ticks, limits=limits, hold=3)
     spec = hdapi.Simulated(**(TOUCH | {"hand_stiffness": 400.0, "hand_damping": 8.0}))
-    session = hdapi.run_simulated(spec, *places, wanted)
+    start = np.array([RADIUS + 1e-3, 0, 0])
+    session = hdapi.run_simulated(spec, start, rest, press=np.zeros(3), order=wanted)
     assert session.cause == hdapi.DONE, session.sentence
     assert session.damped == 0
     late = session.force[30:ticks].reshape(-1, 3, 3)  # after the ramp
@@ -230,8 +230,8 @@ def test_a_pull_device_is_driven_by_the_clock(files):
     spec = hdapi.Simulated(**(TOUCH | {"hand_stiffness": 300.0, "hand_damping": 6.0}))
     side = np.array([1.0, 0, 0])
     wanted = order(files, 200, limits=ARMED)
-    places = (RADIUS + 5e-4) * side, (RADIUS - 0.004) * side, 0 * side
-    pulled = hdapi.run_simulated(spec, *places, wanted, clock=True)
+    start, rest = (RADIUS + 5e-4) * side, (RADIUS - 0.004) * side
+    pulled = hdapi.run_simulated(spec, start, rest, press=0 * side, order=wanted, clock=True)
     assert pulled.cause == hdapi.DONE, pulled.sentence
     assert len(pulled.force) == 200
     assert pulled.strongest > 0.1
@@ -289,8 +289,8 @@ def test_an_unstable_wall_is_damped_or_ended(times, damping, files):
         limits = {"stiffness": stiffness, "needs": 0, "ramp": 0, "encoder": 20e-6}
         spec = hdapi.Simulated(**(lively | {"wall": stiffness}))
         wanted = order(files, 1500, stiffness, LIMITS | ARMED | limits)
-        places = (RADIUS + 2e-4) * side, RADIUS * side, -0.5 * side
-        return hdapi.run_simulated(spec, *places, wanted)
+        start, rest = (RADIUS + 2e-4) * side, RADIUS * side
+        return hdapi.run_simulated(spec, start, rest, press=-0.5 * side, order=wanted)
 
     ladder = 20 * 2 ** (np.arange(18) / 2)
     calm = [k for k in ladder if (r := go(k)).cause == hdapi.DONE and not r.signs
@@ -329,7 +329,7 @@ def test_what_damping_does_not_mend_ends_after_fifty_milliseconds(files):
     spec = hdapi.Simulated(**(TOUCH | {"hand_stiffness": 4000.0, "hand_damping": 20.0}))
     wanted = order(files, ticks, limits=LIMITS | ARMED | {"needs": 0})
     start = np.array([RADIUS + 5e-4, 0, 0])
-    session = hdapi.run_simulated(spec, start, rest, np.zeros(3), wanted)
+    session = hdapi.run_simulated(spec, start, rest, press=np.zeros(3), order=wanted)
     assert session.cause == hdapi.UNSTABLE
     assert session.signs == 1
     first = np.flatnonzero(swings(session.position, session.since))[0]

@@ -66,9 +66,9 @@ def press(
         np.tile([0, 0, -2.0], (ticks, 1)),
     )
     force[:RAMP] = 0
-    device = TOUCH.simulated(0, 3.0, 0, 1e-3, 400.0)
+    device = TOUCH.simulated((0, 3.0), delay=0, period=1e-3, wall=400.0)
     order = order or bridge.in_step(ticks, limits, armed=True)
-    return run_simulated(device, start, rest, force, order)
+    return run_simulated(device, start, rest, press=force, order=order)
 
 
 def test_what_the_hand_gets_the_object_gets_the_other_way(box):
@@ -193,9 +193,11 @@ def test_an_object_on_a_spring_may_push_back(step, box):
     force = np.zeros((ticks, 3))
     force[RAMP:, 2] = -2.0
     force[RAMP + 800 :, 2] = -0.2  # the hand gives way, and the spring lifts it
-    made = device.simulated(0, 1.0, 0, 1e-3, 453.0)
+    made = device.simulated((0, 1.0), delay=0, period=1e-3, wall=453.0)
     bridge, _, _ = bridge_of(box, joint=SPRING, step=step, stiffness=453.0)
-    session = run_simulated(made, rest[0], rest, force, bridge.in_step(ticks, limits, armed=True))
+    session = run_simulated(
+        made, rest[0], rest, press=force, order=bridge.in_step(ticks, limits, armed=True)
+    )
     assert session.cause == DONE, session.sentence
     assert session.position[RAMP + 800 :, 2].max() - session.position[RAMP + 790, 2] > 2e-3
     # the hand took more energy than the contact has stored
@@ -235,9 +237,11 @@ def test_two_threads_at_their_own_rates(box):
     rest = np.tile([0, 0, 0.034], (TICKS, 1))
     force = np.zeros((TICKS, 3))
     force[RAMP:, 2] = -2
-    device = TOUCH.simulated(0, 3.0, 0, 1e-3, 400.0)
+    device = TOUCH.simulated((0, 3.0), delay=0, period=1e-3, wall=400.0)
     thread = threading.Thread(
-        target=lambda: ended.append(run_simulated(device, rest[0], rest, force, order, clock=True))
+        target=lambda: ended.append(
+            run_simulated(device, rest[0], rest, press=force, order=order, clock=True)
+        )
     )
     thread.start()
     steps = 0
@@ -285,7 +289,7 @@ def test_what_is_wrong_is_said(box):
     order = bridge.in_step(10, TOUCH.limits(1e-3, 400.0))
     for wrong in (order, order._replace(between=None, hold=5)):
         with pytest.raises(ValueError, match="use Bridge.order in real time"):
-            run_simulated(Simulated(), 0, 0, 0, wrong, clock=True)
+            run_simulated(Simulated(), 0, 0, press=0, order=wrong, clock=True)
 
 
 def test_a_second_run_begins_anew(box):

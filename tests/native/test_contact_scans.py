@@ -16,7 +16,7 @@ from pandis.pipeline.kinds.native import native_bytes
 from pandis.pipeline.mesh.build import build
 from pandis.pipeline.run.ask.tasks import MeshTask
 from pandis.runtime.contact import TOUCHING, NativeContact
-from pandis.runtime.field import COMPACT, NativeField
+from pandis.runtime.field import NativeField
 from pandis.runtime.field.files import pack
 
 #: Takes long: `make test-slow`.
@@ -33,7 +33,7 @@ def real_bunny():
     arrays, _ = build(MeshTask(source=str(path), sha256=None, seed=0), path, lambda text: None)
     body = Body(arrays["vertices"], arrays["faces"])
     packed, record = pack_body(body, 16)
-    compact = pack(COMPACT, body.frame, *file_parts(packed, record), {}, 3)
+    compact = pack(body.frame, file_parts(packed, record), {}, version=3)
     return NativeField(native_bytes(ExactField("exact", body), {})), NativeField(compact)
 
 

@@ -11,7 +11,7 @@ from pandis.pipeline.kinds.compact.file import file_parts
 from pandis.pipeline.kinds.compact.packing import pack_body
 from pandis.pipeline.kinds.field import ExactField
 from pandis.pipeline.kinds.native import native_bytes
-from pandis.runtime.field import COMPACT, SHAPES, NativeField
+from pandis.runtime.field import SHAPES, NativeField
 from pandis.runtime.field.files import pack
 
 EYE = np.eye(3)
@@ -89,7 +89,7 @@ def mesh_of(kind, half):
     body = Body(box.vertices, box.faces, Frame.of_bounds(-half, half))
     if kind == "exact":
         return NativeField(native_bytes(ExactField("exact", body), {}, safe=(1, 0)))
-    return NativeField(pack(COMPACT, body.frame, *file_parts(*pack_body(body, 16)), {}, 3))
+    return NativeField(pack(body.frame, file_parts(*pack_body(body, 16)), {}, version=3))
 
 
 @pytest.mark.parametrize("kind", ["exact", "compact"])

@@ -67,8 +67,8 @@ def press(files, ticks=900, stiffness=STIFFNESS, limits=None, device=None, start
     spec = hdapi.Simulated(**(TOUCH | (pulled if deep else {}) | (device or {})))
     side = np.array([1.0, 0, 0])
     wanted = order(files, ticks, stiffness, limits, **changes)
-    places = (RADIUS + start) * side, (RADIUS - deep) * side, -0.5 * side
-    return hdapi.run_simulated(spec, *places, wanted)
+    first, rest = (RADIUS + start) * side, (RADIUS - deep) * side
+    return hdapi.run_simulated(spec, first, rest, press=-0.5 * side, order=wanted)
 
 
 # --- the simulated device ---------------------------------------------------------
@@ -87,9 +87,8 @@ def test_the_simulated_device_moves_as_the_stress_suite_s(delay, friction, files
         return length - 0.9, points / length[:, None]
 
     press_n = np.array([device.press])
-    swing = coupled.simulate(
-        answer, 0.9 * side, side, np.array([400.0]), scale, device, press_n, ticks=ticks
-    ).swing
+    loop, places = coupled.Loop(answer, scale, device), (0.9 * side, side)
+    swing = coupled.simulate(loop, places, np.array([400.0]), press=press_n, ticks=ticks).swing
     changes = {"friction": friction, "delay": delay, "encoder": 0.0, "impulse": 1e9}
     session = press(
         files, ticks + 1, 400.0, {"ramp": 0, "step": 1e9, "impulse": 1e9, "damping": 10.0,
@@ -150,7 +149,7 @@ def test_a_falling_force_is_not_held_back(files):
     limits = {"ramp": 0, "step": 0.3, "most_damping": 0.0, "speed": 10}
     session = hdapi.run_simulated(
         hdapi.Simulated(**(TOUCH | {"hand_stiffness": 800.0, "hand_damping": 8.0, "speed": 10})),
-        start, rest, still, order(files, ticks, limits=limits),
+        start, rest, press=still, order=order(files, ticks, limits=limits),
     )  # fmt: skip
     depth = np.maximum(RADIUS - np.linalg.norm(session.position, axis=1), 0)
     held = np.linalg.norm(session.force, axis=1)

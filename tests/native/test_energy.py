@@ -11,7 +11,7 @@ import pytest
 from test_devices import PATIENT, run, stand_in  # noqa: F401
 
 from pandis.pipeline.judge.servo.devices import DEVICES
-from pandis.pipeline.judge.servo.pressing import Contact, Hand, _Rig
+from pandis.pipeline.judge.servo.pressing import Contact, Hand, Setup, _Rig
 from pandis.runtime import device as hdapi
 from pandis.runtime.field import NativeField
 from pandis.runtime.scene import NativeScene, Placed
@@ -45,7 +45,8 @@ def allowed(files):
     @cache
     def find(model, period):
         hand = Hand(20.0, DAMPING, 1.0, 0)
-        rig = _Rig(field, DEVICES[model], surface, SIZE, hand, 1 / period, None)
+        setup = Setup(SIZE, DEVICES[model].stiffness, hand, 1 / period)
+        rig = _Rig(field, DEVICES[model], surface, setup=setup, feel=None)
         safe, _ = rig.safe(DEVICES[model].stiffness)
         return min(0.7 * safe, DEVICES[model].stiffest(period))
 
@@ -76,13 +77,15 @@ def ways(side, period, rng):
 
 def given(field, spec, period, stiffness, friction, spring, rest):
     """Return the most energy (J) that any row of contacts gives a hand, and how the run ended."""
-    device = spec._replace(friction=friction).simulated(spring, DAMPING, 0, period, stiffness)
+    device = spec._replace(friction=friction).simulated(
+        (spring, DAMPING), delay=0, period=period, wall=stiffness
+    )
     limits = spec.limits(period, stiffness)
     limits.needs = 0
     order = hdapi.Order(
         NativeScene([placed(field, stiffness)]), len(rest), limits, period, armed=True, **PATIENT
     )
-    session = hdapi.run_simulated(device, rest[0], rest, np.zeros(3), order)
+    session = hdapi.run_simulated(device, rest[0], rest, press=np.zeros(3), order=order)
     force, way = session.force[1:-1], np.diff(session.path[:-1], axis=0)
     length, pushed = np.linalg.norm(way, axis=1), force.any(axis=1)
     lost = spec.damping * length**2 / period + friction * length

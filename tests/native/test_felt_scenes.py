@@ -33,7 +33,9 @@ def plain(shape):
     """Return the file of a mesh that has lost its regions."""
     body = Body.open(shape)
     bare = Body(body.vertices, body.faces, body.frame)
-    return export_native(ExactField("exact", bare), bare, NativeOptions(), {}, lambda text: None)
+    return export_native(
+        ExactField("exact", bare), bare, NativeOptions(), provenance={}, log=lambda text: None
+    )
 
 
 def test_every_region_has_its_own_texture_and_one_beyond_them_the_first():
@@ -97,7 +99,7 @@ def tried(mesh, tmp_path):  # noqa: F811
                   "contact": contact, "beside": beside}  # fmt: skip
         options = SceneTask(objects=[placed], ticks=4000, speed=0.2, radius=1e-3)
         files = [folder / "plain.pandis", folder / "exact.pandis"]
-        return try_scene("my-table", files, options, silent_progress, print)[:2]
+        return try_scene("my-table", files, options, progress=silent_progress, log=print)[:2]
 
     return attempt
 

@@ -35,14 +35,16 @@ def cooked(body, monkeypatch):
     keep = cache.keep
 
     def made(fault=lambda held: None):
-        def keep_with_fault(*asked):
-            whole = keep(*asked)
+        def keep_with_fault(*asked, **options):
+            whole = keep(*asked, **options)
             fault(whole.content)
             return whole
 
         monkeypatch.setattr(newton, "keep", keep_with_fault)
         lines, log = said()
-        return newton.export_newton(body, SIZE, {"stage": "a"}, log, silent_progress), lines
+        return newton.export_newton(
+            body, SIZE, {"stage": "a"}, log=log, progress=silent_progress
+        ), lines
 
     return made
 
@@ -192,7 +194,7 @@ def model(files, body, folder):
     drawn.write_bytes(seal(export_mesh(body), {}, ".obj"))
     lines, log = said()
     paths = [files[name] for name in ("exact", "nearest", "compact", "spline")]
-    return mjcf.export_mjcf("torus", paths, drawn, SIZE, log), lines
+    return mjcf.export_mjcf("torus", paths, drawn, size=SIZE, log=log), lines
 
 
 def test_a_model_has_a_body_for_each_field(files, body, tmp_path, monkeypatch):
@@ -227,9 +229,9 @@ def test_a_model_of_another_size_than_the_library_has_is_refused(
     pytest.importorskip("mujoco", reason="no MuJoCo here: pip install mujoco==4.0.1")
     write = mjcf.mjcf_text
 
-    def wrong(*asked):
+    def wrong(*asked, **options):
         scale = repr(float(asked[1]["compact"].scale))
-        head, mark, rest = write(*asked).partition('<instance name="compact">')
+        head, mark, rest = write(*asked, **options).partition('<instance name="compact">')
         return head + mark + rest.replace(f'value="{scale}"', 'value="0.03"', 1)
 
     monkeypatch.setattr(mjcf, "mjcf_text", wrong)

@@ -20,7 +20,7 @@ def in_c(files, start, rest, press, ticks, **changes):
     bare = {"damping": 0.0, "encoder": 0.0, "hand_damping": 0.0, "hand_stiffness": SPRING}
     device = hdapi.Simulated(**(TOUCH | bare | {"speed": 1e3} | changes))
     wanted = order(files, ticks, limits={"speed": 1e3})
-    session = hdapi.run_simulated(device, FREE + start, FREE + rest, press, wanted)
+    session = hdapi.run_simulated(device, FREE + start, FREE + rest, press=press, order=wanted)
     return (session.path - FREE)[:, 0]
 
 
@@ -124,7 +124,7 @@ def test_steps_in_c_are_those_of_the_equations(friction, steps):
             moved = naive_step(device, TICK / 4, *moved, pushed)
         wanted.append(moved)
     before = state.copy()
-    found = Mass(device, TICK / 4).step(position, speed, push, steps)
+    found = Mass(device, TICK / 4).step(position, speed, push, steps=steps)
     assert np.transpose(found, (1, 0, 2)) == pytest.approx(np.array(wanted), rel=1e-12, abs=1e-15)
     assert (state == before).all()
     if friction:

@@ -27,7 +27,7 @@ from pandis.pipeline.kinds.network.file import network_bytes
 from pandis.pipeline.kinds.network.reference import SirenField
 from pandis.pipeline.run.ask.options import NativeOptions
 from pandis.runtime.field import NativeField
-from pandis.runtime.field.files import pack, read_provenance
+from pandis.runtime.field.files import Parts, pack, read_provenance
 from pandis.runtime.servo import run_ticks
 from support import ROOT
 
@@ -153,7 +153,7 @@ def test_a_file_weighs_what_its_answers_are_made_of(fields, files):
         cells = len(own.base.coefficients) - 3 if own.base else None
         shape = len(own.layers[0][0]), len(own.layers) - 1, len(own.layers[-1][0])
         bits = 16 if name.endswith("-16") else 32
-        assert NativeField(files[name]).bytes == network_bytes(*shape, cells, bits)
+        assert NativeField(files[name]).bytes == network_bytes(*shape, base=cells, weight_bits=bits)
 
 
 @pytest.mark.parametrize("name", NAMES)
@@ -625,7 +625,7 @@ def test_a_clock_needs_something_to_time(files):
         with pytest.raises(ValueError, match="at least one"):
             field.time(points, queries)
         with pytest.raises(ValueError, match="at least one"):
-            run_ticks(field, points, queries, 1000)
+            run_ticks(field, points, queries, rate=1000)
 
 
 def fuzz(files, tmp_path, seconds):
@@ -686,9 +686,15 @@ def test_sixteen_bits_cost_little(fields, meshes):
     field = fields["gradient"]
     said = []
     data = export_native(
-        field, Body.open(meshes["exact"]), NativeOptions(weight_bits=16), {}, said.append
+        field,
+        Body.open(meshes["exact"]),
+        NativeOptions(weight_bits=16),
+        provenance={},
+        log=said.append,
     )
-    whole = export_native(field, Body.open(meshes["exact"]), NativeOptions(), {}, said.append)
+    whole = export_native(
+        field, Body.open(meshes["exact"]), NativeOptions(), provenance={}, log=said.append
+    )
     assert len(data) < 0.75 * len(whole)
     points = points_for(field)
     one, other = NativeField(data), NativeField(whole)
@@ -703,7 +709,13 @@ def test_a_broken_sixteen_bit_export_is_refused(fields, meshes, monkeypatch):
     broken = resealed(data, section(data, b"SCAL"), "<f", 0.1)
     monkeypatch.setattr("pandis.pipeline.kinds.native.pack", lambda *_: broken)
     with pytest.raises(pandis.base.errors.PandisError, match="differs from its field"):
-        export_native(field, Body.open(meshes["exact"]), NativeOptions(weight_bits=16), {}, print)
+        export_native(
+            field,
+            Body.open(meshes["exact"]),
+            NativeOptions(weight_bits=16),
+            provenance={},
+            log=print,
+        )
 
 
 def test_an_export_that_differs_from_its_field_is_refused(fields, meshes, monkeypatch):
@@ -714,7 +726,7 @@ def test_an_export_that_differs_from_its_field_is_refused(fields, meshes, monkey
     broken = resealed(data, at, "<f", 3.0)
     monkeypatch.setattr("pandis.pipeline.kinds.native.pack", lambda *_: broken)
     with pytest.raises(pandis.base.errors.PandisError, match="differs from its field"):
-        export_native(field, Body.open(meshes["exact"]), NativeOptions(), {}, print)
+        export_native(field, Body.open(meshes["exact"]), NativeOptions(), provenance={}, log=print)
 
 
 def test_provenance_travels_with_the_file(files, tmp_path):
@@ -738,7 +750,7 @@ def test_the_format_is_as_documented():
     from pandis.base.frame import Frame
 
     frame = Frame((1.0, 2.0, 3.0), 0.5)
-    data = pack(5, frame, [0], [2.0], {}, {})
+    data = pack(frame, Parts(5, [0], [2.0], {}), {})
     assert data[:8] == b"PANDIS\r\n"
     assert struct.unpack_from("<IIQI", data, 8) == (0x0A0B0C0D, 1, len(data), zlib.crc32(data[32:]))
     assert struct.unpack_from("<II3dd", data, 32) == (5, 1, 1.0, 2.0, 3.0, 0.5)

@@ -54,11 +54,14 @@ def corner(kind, turned):
     if kind == "exact":
         field = ExactField("exact", body)
     else:
-        arrays, record = build_compact(body, 16, 0, lambda text: None)
+        arrays, record = build_compact(body, 16, 0, log=lambda text: None)
         attributes = record.attributes() | body.frame.attributes()
         field = CompactField("compact-16", artifact("compact", arrays, attributes))
     return Corner(
-        NativeField(export_native(field, body, NativeOptions(), {}, lambda text: None)), turn
+        NativeField(
+            export_native(field, body, NativeOptions(), provenance={}, log=lambda text: None)
+        ),
+        turn,
     )
 
 
@@ -171,7 +174,9 @@ def test_a_step_in_a_sharp_corner_ends(tilt):
     arrays = [(np.asarray(m.vertices, float), np.asarray(m.faces, np.int64)) for m in (block, cone)]
     vertices, faces, _ = mesh_boolean(*arrays[0], *arrays[1], "minus")
     body = Body.open(opened(trimesh.Trimesh(vertices, faces, process=False)).mesh)
-    data = export_native(ExactField("exact", body), body, NativeOptions(), {}, lambda text: None)
+    data = export_native(
+        ExactField("exact", body), body, NativeOptions(), provenance={}, log=lambda text: None
+    )
     placed = Placed(NativeField(data), np.eye(3), np.zeros(3), 1e-3, 400.0)
     rng = np.random.default_rng(0)
     for _ in range(20):

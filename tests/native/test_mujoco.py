@@ -351,7 +351,9 @@ def scene_of(files, tmp_path):
     }
     records = []
     for name, (file, position, rotation, size) in objects.items():
-        placed = Placed.at(NativeField(tmp_path / file), size, 400.0, position, rotation)
+        placed = Placed.at(
+            NativeField(tmp_path / file), size, 400.0, position=position, rotation=rotation
+        )
         sticking = 0.4 if name == "left" else 0.0
         records.append({"name": name, "file": file, "rotation_matrix": placed.rotation.tolist(),
                         "translation": placed.translation.tolist(), "scale": placed.scale,

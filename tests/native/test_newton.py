@@ -232,7 +232,13 @@ def test_the_program_of_the_page_runs(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     there = {"vertices": 0.1 * mesh.vertices, "indices": mesh.indices}
     options = {"max_resolution": 40, "sign_method": "winding"}
-    whole = keep(NativeField(path), mesh.vertices, mesh.indices.reshape(-1, 3), 0.1, options, {})
+    whole = keep(
+        NativeField(path),
+        (mesh.vertices, mesh.indices.reshape(-1, 3)),
+        0.1,
+        options=options,
+        provenance={},
+    )
     (tmp_path / "newton.npz").write_bytes(whole.packed())
     kept = kept.replace("results/bunny/export/newton.npz", "newton.npz")
     for number, program in enumerate((text, kept)):

@@ -30,7 +30,7 @@ def plate():
     mesh = artifact("mesh", {"vertices": vertices, "faces": faces},
                     {**frame.attributes(), "shape": None})  # fmt: skip
     body = Body.open(mesh)
-    arrays, record = build_compact(body, 16, 0, lambda text: None)
+    arrays, record = build_compact(body, 16, 0, log=lambda text: None)
     packed = artifact("compact", arrays, record.attributes() | frame.attributes())
     made = {
         "exact": ExactField("exact", body),
@@ -47,7 +47,8 @@ def presses_on(count, device, seed=0, thick=THICK, above=ABOVE):
     feet = np.column_stack([*rng.uniform(-0.03, 0.03, (2, count)), side * thick / 2])
     outward = np.column_stack([np.zeros((count, 2)), side])
     spec = DEVICES[device]
-    return draw(feet, outward, spec, min(spec.stiffness, 1000.0), 0.4, rng, above)
+    stiffness = min(spec.stiffness, 1000.0)
+    return draw((feet, outward), spec, stiffness, slant=0.4, rng=rng, above=above)
 
 
 @pytest.mark.parametrize("device", ["touch", "omega-3"])
@@ -57,12 +58,21 @@ def test_a_plate_lets_no_proxy_through_and_every_penalty_force(plate, device):
     stiffness = min(spec.stiffness, 1000.0)
     for name, field in fields.items():
         for material in (Material(), Material(0.5, 0.4, 0.5, 0.1)):
-            runs = run(field, spec, SIZE, stiffness, presses, Feel(materials=(material,)))
+            runs = run(
+                field,
+                spec,
+                SIZE,
+                stiffness=stiffness,
+                presses=presses,
+                feel=Feel(materials=(material,)),
+            )
             judged = judge(runs, oracle, 2e-6)
             assert judged.passed == 0, (name, judged)
             assert judged.presses == 12
             assert judged.ended == 0
-    penalty = judge(run(fields["exact"], spec, SIZE, stiffness, presses), oracle, 0.0)
+    penalty = judge(
+        run(fields["exact"], spec, SIZE, stiffness=stiffness, presses=presses), oracle, 0.0
+    )
     assert penalty.passed == 12
 
 
@@ -75,7 +85,7 @@ def test_a_press_that_begins_where_only_the_field_is_inside_does_not_pass(plate)
     assert len(free_starts(presses, thin, 1e-4)) == 8
     assert not free_starts(presses, oracle, 1e-4)
     for field in fields.values():
-        runs = list(run(field, spec, SIZE, 1000.0, presses, Feel()))
+        runs = list(run(field, spec, SIZE, stiffness=1000.0, presses=presses, feel=Feel()))
         judged = judge(runs, thin, 0.0)
         assert (judged.presses, judged.passed) == (8, 0)
         assert judged.deepest < 0  # it has stayed where it began, and that is outside
@@ -85,7 +95,9 @@ def test_a_press_that_begins_where_only_the_field_is_inside_does_not_pass(plate)
 def test_a_force_that_a_proxy_holds_is_what_the_hand_gives(plate):
     fields, _ = plate
     spec, presses = DEVICES["touch"], presses_on(4, "touch")
-    for session, proxy in run(fields["exact"], spec, SIZE, 400.0, presses, Feel()):
+    for session, proxy in run(
+        fields["exact"], spec, SIZE, stiffness=400.0, presses=presses, feel=Feel()
+    ):
         assert session.strongest > 3.0  # of 3.3 N; a penalty force gives 0.4 at most
         assert np.abs(proxy[:, 2]).min() > THICK / 2 - 1e-9
 

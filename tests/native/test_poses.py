@@ -40,7 +40,7 @@ def test_what_moves_evenly_is_where_it_would_be_in_every_tick(one, period):
         now = frame * period
         turned = Rotation.from_rotvec(now * spin) * begun
         poses.give(turned.as_matrix()[None], (start[1] + now * velocity)[None],
-                   velocity[None], spin[None], period)  # fmt: skip
+                   velocity[None], spins=spin[None], period=period)  # fmt: skip
         for tick in range(1, ticks + 1):
             assert poses.step(DT) == (tick == 1)
             later = now + tick * DT
@@ -58,8 +58,8 @@ def test_nothing_jumps_however_frames_jump(one):
     for tick in range(4000):
         if tick % 3 == 0 and rng.random() < 0.5:  # now early, now late, and often anywhere
             poses.give(Rotation.random(1, random_state=rng.integers(1 << 31)).as_matrix(),
-                       rng.normal(size=(1, 3)), rng.normal(size=(1, 3)), rng.normal(size=(1, 3)),
-                       period)  # fmt: skip
+                       rng.normal(size=(1, 3)), rng.normal(size=(1, 3)),
+                       spins=rng.normal(size=(1, 3)), period=period)  # fmt: skip
             left = period
         poses.step(DT)
         rotation, translation = at(scene)
@@ -76,12 +76,12 @@ def test_what_stands_still_is_not_touched(one):
     """To the last bit, so that a scene need not ask it anew, and forces do not shiver."""
     scene, poses = one
     given = [part[None] for part in scene.lies(0)]
-    poses.give(*given, STILL, STILL, 2e-3)
+    poses.give(*given, STILL, spins=STILL, period=2e-3)
     poses.step(2e-3)
     wanted = np.concatenate([part.ravel() for part in scene.lies(0)])
     assert wanted == pytest.approx(np.concatenate([part.ravel() for part in given]), abs=1e-15)
     for _ in range(20):
-        poses.give(*given, STILL, STILL, 2e-3)
+        poses.give(*given, STILL, spins=STILL, period=2e-3)
         for _ in range(3):
             poses.step(DT)
             assert same_bits(np.concatenate([p.ravel() for p in scene.lies(0)]), wanted)
@@ -91,7 +91,7 @@ def test_a_late_simulation_stops_its_objects_and_the_newest_frame_counts(one):
     scene, poses = one
     rotation, start = scene.lies(0)
     for far in (5.0, 7.0, 1.0):  # the first two are never followed
-        poses.give(rotation[None], far + start[None], STILL, STILL, 2e-3)
+        poses.give(rotation[None], far + start[None], STILL, spins=STILL, period=2e-3)
     assert [poses.step(DT) for _ in range(5)] == [True, *[False] * 4]
     assert scene.lies(0)[1] == pytest.approx(1.0 + start, abs=1e-15)
 
@@ -107,14 +107,14 @@ def test_what_is_no_pose_is_not_handed_over(one):
         (rotation, place_, nan, STILL), (rotation, place_, STILL, nan),
         (rotation, place_, STILL, [[0, 0, 400.0]]),
     ]  # fmt: skip
-    for given in broken:
+    for *given, spins in broken:
         with pytest.raises(ValueError, match="nothing was handed over"):
-            poses.give(*given, 0.01)
+            poses.give(*given, spins=spins, period=0.01)
     for period in (0.0, -1.0, np.nan, np.inf):
         with pytest.raises(ValueError, match="nothing was handed over"):
-            poses.give(*good, period)
+            poses.give(*good[:3], spins=good[3], period=period)
     with pytest.raises(ValueError, match="the scene has 1 objects"):
-        poses.give(rotation, np.zeros((2, 3)), STILL, STILL, 0.01)
+        poses.give(rotation, np.zeros((2, 3)), STILL, spins=STILL, period=0.01)
     assert not poses.step(DT)
     assert np.array_equal(scene.lies(0)[1], before[1])
 
@@ -136,7 +136,7 @@ def test_every_tick_sees_one_whole_frame_while_another_thread_gives(files):
 
     def simulate():
         for number in range(1, frames + 1):
-            poses.give(upright, np.full((40, 3), float(number)), still, still, 1e-9)
+            poses.give(upright, np.full((40, 3), float(number)), still, spins=still, period=1e-9)
             if number % 300 == 0:  # so that some are seen, however threads are scheduled
                 assert taken.acquire(timeout=60)
 
@@ -171,7 +171,8 @@ def test_forces_among_moving_objects_are_those_of_each_alone(files):
             speed, spin = 0.1 * rng.normal(size=(2, count, 3)) * [[[1]], [[20]]]
             speed[::3] = spin[::3] = 0
             for each in moved:
-                each.give(*map(np.array, zip(*poses, strict=True)), speed, spin, 0.01)
+                rotations, translations = map(np.array, zip(*poses, strict=True))
+                each.give(rotations, translations, speed, spins=spin, period=0.01)
         for each in moved:
             each.step(DT)
         sums = np.zeros((2, 3))
@@ -199,7 +200,7 @@ def test_a_moving_object_pushes_smoothly_and_in_steps_without(files):
             if tick % 10 == 0:
                 now = start + tick * DT * speed[0]
                 if way == "poses":
-                    poses.give(rotation[None], now[None], speed, STILL, 0.01)
+                    poses.give(rotation[None], now[None], speed, spins=STILL, period=0.01)
                 else:
                     scene.move(0, Placed(field, rotation, now, *scene.objects[0][3:]))
             if way == "poses":

@@ -172,7 +172,7 @@ def test_around_a_corner_of_very_many_faces_the_limit_is_larger():
     assert MOST < limit_of(data) <= 8 * MOST
     field, rng = NativeField(data), np.random.default_rng(2)
     base = rng.normal(0, (0.01, 0.01, 0.001), (2000, 3)) - (0, 0, 0.9)
-    points = np.concatenate([base, near_surface(body.corners, body.faces, 20_000, rng)])
+    points = np.concatenate([base, near_surface(body.corners, body.faces, 20_000, rng=rng)])
     found = field.query(points)
     assert not (found.flag == CUT).any()
     assert np.array_equal(found.distance, body.distance.distance_and_normal(points)[0])
@@ -185,7 +185,7 @@ def test_a_limit_has_a_margin_of_two(needed):
     def query(points, most):
         return np.ones(len(points)), np.full(len(points), np.inf if most >= needed else 0)
 
-    limit = least_limit(1000, *cone(8), query)
+    limit = least_limit(1000, *cone(8), query=query)
     assert 2 * needed <= limit <= max(1000, 4 * needed)
 
 

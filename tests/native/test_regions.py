@@ -141,10 +141,10 @@ def file_of(mesh, kind):
     body = Body.open(mesh)
     field = ExactField("exact", body)
     if kind == "compact":
-        arrays, record = build_compact(body, 16, 0, lambda text: None)
+        arrays, record = build_compact(body, 16, 0, log=lambda text: None)
         packed = artifact("compact", arrays, record.attributes() | body.frame.attributes())
         field = CompactField("compact-16", packed)
-    return export_native(field, body, NativeOptions(), {}, lambda text: None)
+    return export_native(field, body, NativeOptions(), provenance={}, log=lambda text: None)
 
 
 @pytest.mark.parametrize(
@@ -170,14 +170,16 @@ def test_a_proxy_rubs_as_the_region_does_in_which_it_lies(mesh):
     rough, smooth = Material(2.0, 2.0, 0.0, 0.0), Material()
     shape = Body.open(mesh)
     bare = Body(shape.vertices, shape.faces, shape.frame)
-    plain = export_native(ExactField("exact", bare), bare, NativeOptions(), {}, lambda text: None)
+    plain = export_native(
+        ExactField("exact", bare), bare, NativeOptions(), provenance={}, log=lambda text: None
+    )
     beside, plain = exported(mesh, "compact"), NativeField(plain)
     assert plain.region_names == ()
     for field, regions in ((exported(mesh, "exact"), None), (beside, None), (plain, beside)):
         slips = {}
         for side, name in ((-1, "rubber"), (1, "steel")):
             placed = Placed(field, np.eye(3), np.zeros(3), 1.0, 100.0)
-            contact = NativeContact(placed, 0.0, [rough, smooth], regions)
+            contact = NativeContact(placed, 0.0, [rough, smooth], regions=regions)
             down = np.linspace(1.1, 0.9, 40)
             along = np.linspace(0, 0.05, 60) * side
             path = [*((0.8 * side, 0, z) for z in down), *((0.8 * side + x, 0, 0.9) for x in along)]
@@ -267,7 +269,8 @@ def test_a_face_asks_at_several_places_and_most_of_them_count():
     strip = np.array([[-0.2, -9, 0], [0.2, -9, 0], [0, 0, 0.0]])
     vertices = np.concatenate([corners + [0, 0, 1e-2], strip])
     faces = np.arange(6).reshape(2, 3)
-    assert carry(vertices, faces, np.array([7, 3]), corners, np.arange(3)[None]).tolist() == [7]
+    onto = corners, np.arange(3)[None]
+    assert carry((vertices, faces), np.array([7, 3]), onto).tolist() == [7]
 
 
 def test_a_file_with_too_many_materials_is_told_so(tmp_path):
@@ -286,7 +289,9 @@ def test_a_file_with_too_many_materials_is_told_so(tmp_path):
 @pytest.mark.parametrize("mesh", ["balls.glb"], indirect=True)
 def test_a_file_whose_regions_have_no_name_is_refused(mesh):
     body = Body.open(mesh)
-    data = export_native(ExactField("exact", body), body, NativeOptions(), {}, lambda text: None)
+    data = export_native(
+        ExactField("exact", body), body, NativeOptions(), provenance={}, log=lambda text: None
+    )
     assert NativeField(data).region_names == ("rubber", "steel")
     names = section(data, b"RNAM")
     for damaged in (

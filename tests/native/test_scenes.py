@@ -286,7 +286,7 @@ def tried(files, tmp_path):
         path.write_bytes(files[name].read_bytes())
         found.append(path)
     options = SceneTask(objects=[own | COMMON for own in OBJECTS], ticks=5000, speed=0.5)
-    return found, *try_scene("my-table", found, options, silent_progress, print)
+    return found, *try_scene("my-table", found, options, progress=silent_progress, log=print)
 
 
 def test_a_scene_is_tried(tried):
@@ -312,7 +312,7 @@ def test_a_scene_with_penalty_forces_alone_has_no_proxies(tried):
     found, *_ = tried
     asked = [own | COMMON | {"contact": {"kind": "penalty"}} for own in OBJECTS]
     options = SceneTask(objects=asked, ticks=500, speed=0.5)
-    arrays, attributes, _ = try_scene("table", found, options, silent_progress, print)
+    arrays, attributes, _ = try_scene("table", found, options, progress=silent_progress, log=print)
     assert attributes["proxies"] is None
     assert attributes["no_proxies"] == "left: contact.kind asks for penalty forces"
     assert "proxy_force" not in arrays
@@ -324,7 +324,7 @@ def test_a_scene_that_loses_contacts_fails(tried, tmp_path):
     found[0].write_bytes(data)  # so small a box: nearly all of it is left out
     options = SceneTask(objects=[own | COMMON for own in OBJECTS], ticks=5000, speed=0.5)
     with pytest.raises(PandisError, match=r"scene table: .* export it again"):
-        try_scene("table", found, options, silent_progress, print)
+        try_scene("table", found, options, progress=silent_progress, log=print)
 
 
 def both_forces(arrays):
@@ -375,7 +375,7 @@ def test_the_header_of_a_scene_compiles_and_answers_the_same(tried, tmp_path):
 
 def test_the_header_of_a_scene_is_what_verify_compares_it_with(tried, tmp_path):
     _, arrays, attributes, text = tried
-    write_artifact(tmp_path / "s.zarr.zip", "scene", arrays, attributes, {})
+    write_artifact(tmp_path / "s.zarr.zip", "scene", arrays, attributes=attributes, provenance={})
     (tmp_path / "s.h").write_text(attributes["header"])
     (tmp_path / "s.json").write_text(text)
     for ending in ("h", "json"):

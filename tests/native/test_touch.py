@@ -33,7 +33,9 @@ def test_a_simulated_device_feels_the_sphere(exported, capsys):
 
 
 def test_the_simulated_device_is_led_into_the_object(exported):
-    session = touch.touch_simulated(NativeField(exported), "touch", 0.1, 140.0, 1.5)
+    session = touch.touch_simulated(
+        NativeField(exported), "touch", 0.1, stiffness=140.0, seconds=1.5
+    )
     assert session.strongest > 0.5
     assert np.linalg.norm(session.position, axis=1).min() < 0.045
 
@@ -41,7 +43,12 @@ def test_the_simulated_device_is_led_into_the_object(exported):
 def test_with_a_proxy_the_force_points_back_to_where_the_probe_came_from(exported, files, capsys):
     material = Material(0.3, 0.3, 0.0, 0.0)
     held = touch.touch_simulated(
-        NativeField(exported), "touch", 0.1, 400.0, 1.5, Feel(materials=(material,))
+        NativeField(exported),
+        "touch",
+        0.1,
+        stiffness=400.0,
+        seconds=1.5,
+        feel=Feel(materials=(material,)),
     )
     assert np.linalg.norm(held.proxy, axis=1).min() > 0.05 - 1e-6
     # the hand is stronger than the device: it comes through, and the force still points back

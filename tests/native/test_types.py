@@ -36,7 +36,7 @@ scene = TouchedScene([placed], textures=[Texture.noise(1e-4, 1e-2)])
 touched: NDArray[np.int32] = scene.touches([0, 0, 0])[0]
 asked: NDArray[np.int64] = Scene([placed]).answer(points).queries
 poses = Poses(scene)
-poses.give([np.eye(3)], [[0, 0, 1]], [[0, 0, 0]], [[0, 0, 0]], period=0.01)
+poses.give([np.eye(3)], [[0, 0, 1]], [[0, 0, 0]], spins=[[0, 0, 0]], period=0.01)
 moved: bool = poses.step(1e-3)
 seconds: float = SharedField(field).refit(points)
 """

@@ -9,9 +9,9 @@ from test_devices import RADIUS
 from pandis.base.physical import Scale
 from pandis.pipeline.geometry.trajectories import trace
 from pandis.pipeline.judge.controls import controls
-from pandis.pipeline.judge.servo.attached import Span, run_attached, stiffness_for
+from pandis.pipeline.judge.servo.attached import Safety, Span, run_attached, stiffness_for
 from pandis.pipeline.judge.servo.devices import DEVICES
-from pandis.pipeline.judge.servo.pressing import Hand, contact, press
+from pandis.pipeline.judge.servo.pressing import Hand, Setup, contact, press
 from pandis.pipeline.judge.servo.validation import _attached, _statement, press_devices
 from pandis.pipeline.judge.servo.verdict import (
     device_sentence,
@@ -42,15 +42,18 @@ def task(**options):
 @pytest.fixture(scope="module")
 def surface(fields):
     """Return where the torus is pressed on: as `trajectory` gives it."""
-    held, _ = trace(fields["exact"].body, TrajectoryOptions(samples=400), 2, silent_progress)
+    held, _ = trace(
+        fields["exact"].body, TrajectoryOptions(samples=400), 2, progress=silent_progress
+    )
     walls = open_walls(fields["exact"], SCALE, 3)
-    return contact(held, walls.pressed, walls.thin, SIZE)
+    return contact(held, walls.pressed, walls.thin, size=SIZE)
 
 
 def pressed(name, files, surface, device="touch", stiffness=400.0, feel=None, **hand):
     field = NativeField(files[name])
     spec = DEVICES[device]
-    return press(field, spec, surface, SIZE, stiffness, Hand(**(HAND | hand)), 1000.0, feel)
+    setup = Setup(SIZE, stiffness, Hand(**(HAND | hand)), 1000.0)
+    return press(field, spec, surface, setup=setup, feel=feel)
 
 
 @pytest.mark.parametrize("name", ["exact", "spline", "tricubic"])
@@ -131,16 +134,16 @@ def test_the_verdict_is_the_same_again(files, surface):
 
 def test_every_device_is_named(files, surface):
     options = task(devices=["touch", "falcon"])
-    found = press_devices(NativeField(files["torus"]), surface, WHOLE, options)
+    found = press_devices(NativeField(files["torus"]), surface, WHOLE, options=options)
     assert list(found) == ["touch", "falcon"]
     assert found["touch"].verdict == "pass"
     walls = changed(WHOLE, pressed_missing=2)
-    failed = press_devices(NativeField(files["torus"]), surface, walls, options)["touch"]
+    failed = press_devices(NativeField(files["torus"]), surface, walls, options=options)["touch"]
     assert failed.verdict == "fail"
     assert "the force is missing at 2 of the points that a device presses on" in failed.sentence
     assert "do not use it" in failed.sentence
     walls = changed(WHOLE, missing=0.02, holds=False)
-    lacking = press_devices(NativeField(files["torus"]), surface, walls, options)["touch"]
+    lacking = press_devices(NativeField(files["torus"]), surface, walls, options=options)["touch"]
     assert lacking.verdict == "fail"
     assert "on 2.00% of the surface the force is missing; do not use it" in lacking.sentence
     assert found["falcon"].sentence.startswith(
@@ -195,10 +198,9 @@ def attach(library, files, monkeypatch, arm=True, fault="", place=RADIUS + 5e-4,
         "pandis.pipeline.judge.servo.attached.Order", partial(Order, gap=100.0, patience=100.0)
     )
     options = AttachedOptions(library=str(library), arm=arm)
-    known = (SAFE, WHOLE) if allowed else ()
-    return run_attached(
-        NativeField(files["sphere"]), Scale(SIZE, 1e4), options, Span(0.05, 10), *known
-    )
+    safety = Safety(SAFE, WHOLE) if allowed else Safety()
+    field, span = NativeField(files["sphere"]), Span(0.05, 10)
+    return run_attached(field, Scale(SIZE, 1e4), options, span=span, safety=safety)
 
 
 @pytest.mark.parametrize(("arm", "fault"), [(True, ""), (False, ""), (True, "error 20 301")])
@@ -238,7 +240,9 @@ def test_arming_needs_a_word_of_its_own_for_each_run(libraries, files, monkeypat
     monkeypatch.setenv("PANDIS_PLACE", f"{0.9 * RADIUS} 0 0")
     options = AttachedOptions(library=str(libraries[1]), arm=True)
     field = NativeField(files["sphere"])
-    arrays, found = run_attached(field, SCALE, options, Span(0.05, 8e-4), SAFE, WHOLE)
+    arrays, found = run_attached(
+        field, SCALE, options, span=Span(0.05, 8e-4), safety=Safety(SAFE, WHOLE)
+    )
     assert not arrays["force"].any()
     assert not found.armed
     assert "PANDIS_ARM is not set" in found.statement
@@ -246,13 +250,13 @@ def test_arming_needs_a_word_of_its_own_for_each_run(libraries, files, monkeypat
 
 def test_an_armed_device_gets_what_is_safe_for_a_light_hand():
     touch = DEVICES["touch"]
-    assert stiffness_for(1e4, touch, SAFE, WHOLE) == (touch.stiffness, "")
+    assert stiffness_for(1e4, touch, Safety(SAFE, WHOLE)) == (touch.stiffness, "")
     weak = changed(SAFE, hands={"0.3": 200.0, "3": 1e3})
-    assert stiffness_for(400.0, touch, weak, WHOLE) == (pytest.approx(140.0), "")
-    assert stiffness_for(100.0, touch, weak, WHOLE) == (100.0, "")
+    assert stiffness_for(400.0, touch, Safety(weak, WHOLE)) == (pytest.approx(140.0), "")
+    assert stiffness_for(100.0, touch, Safety(weak, WHOLE)) == (100.0, "")
     assert (
         "does not give its field's forces"
-        in stiffness_for(400.0, touch, SAFE, WHOLE, sound=False)[1]
+        in stiffness_for(400.0, touch, Safety(SAFE, WHOLE, sound=False))[1]
     )
     for known, why in {
         (None, None): "no safe stiffness is known",
@@ -264,9 +268,8 @@ def test_an_armed_device_gets_what_is_safe_for_a_light_hand():
             (SAFE, changed(SAFE, hands={"0.3": 0.0}))[known[0]] if known[0] is not None else None
         )
         walls = (WHOLE, changed(WHOLE, holds=False), changed(WHOLE, pressed_missing=1))
-        found = stiffness_for(
-            400.0, touch, pressed, walls[known[1]] if known[1] is not None else None
-        )
+        walls = walls[known[1]] if known[1] is not None else None
+        found = stiffness_for(400.0, touch, Safety(pressed, walls))
         assert why in found[1]
 
 
@@ -290,14 +293,14 @@ def test_the_stiffness_that_is_sent_is_the_one_found_safe(libraries, files, monk
 def test_a_whole_validation_arms_with_no_more_than_its_own_figure(libraries, files, surface):
     """The simulated device of the attached model is pressed though nobody asked for it."""
     options = task(devices=[], seconds=0.05, attached={"library": str(libraries[0])})
-    _, found = _attached(NativeField(files["exact"]), surface, SOUND, {}, options)
+    _, found = _attached(NativeField(files["exact"]), surface, SOUND, devices={}, options=options)
     alone = options.model_copy(update={"devices": ["touch"]})
-    own = press_devices(NativeField(files["exact"]), surface, WHOLE, alone)["touch"]
+    own = press_devices(NativeField(files["exact"]), surface, WHOLE, options=alone)["touch"]
     assert found.stiffness == pytest.approx(min(400.0, 0.7 * own.hands["0.3"]))
 
 
 def test_no_library_is_said(files, tmp_path):
     options = AttachedOptions(library=str(tmp_path / "none.so"))
-    _, found = run_attached(NativeField(files["sphere"]), SCALE, options, Span(0.01, 8e-4))
+    _, found = run_attached(NativeField(files["sphere"]), SCALE, options, span=Span(0.01, 8e-4))
     assert found.statement.startswith("No device ran: the device's library cannot be used")
     assert not found.hardware

@@ -1,7 +1,6 @@
 """What a watchdog does that cannot take the device, or is alone with it."""
 
 import ctypes
-import ctypes.util
 import os
 import subprocess
 import sys

@@ -98,7 +98,9 @@ def test_twelve_kinds_of_damage_and_change_are_found_and_mended(workspace):
         path = home / "trajectory.zarr.zip"
         real = read_artifact(path)
         arrays = real.arrays | {"points": real.arrays["points"] + 1e-3}
-        write_artifact(path, "trajectory", arrays, real.attributes, real.provenance)
+        write_artifact(
+            path, "trajectory", arrays, attributes=real.attributes, provenance=real.provenance
+        )
 
     def fake_package():
         """Another version of a package that the mesh stage imports."""

@@ -116,7 +116,7 @@ def _view(words):
     from pandis.bridges.web import write_page
 
     path = Path(words.output or Path(tempfile.mkdtemp(prefix="pandis-")) / "touch.html")
-    if _done(write_page, path, words.files, words.size, words.stiffness):
+    if _done(write_page, path, words.files, words.size, stiffness=words.stiffness):
         return 1
     print(path)
     if not words.output and not webbrowser.open(path.resolve().as_uri()):

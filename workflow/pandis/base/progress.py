@@ -1,8 +1,10 @@
 """What long work reports to: a line of text, or how much is done."""
 
-from typing import Protocol
+from pathlib import Path
+from typing import NamedTuple, Protocol, runtime_checkable
 
 
+@runtime_checkable
 class Log(Protocol):
     """Takes lines of text."""
 
@@ -10,6 +12,7 @@ class Log(Protocol):
         """Write a line."""
 
 
+@runtime_checkable
 class Report(Protocol):
     """Takes the progress of one computation."""
 
@@ -20,8 +23,25 @@ class Report(Protocol):
         """Report the amount that is finished."""
 
 
+@runtime_checkable
 class Progress(Protocol):
     """Begins reports."""
 
     def __call__(self, what: str, total: float, unit: str = "points") -> Report:
         """Return a report of a computation, given its name and its amount of work in a unit."""
+
+
+class Context(NamedTuple):
+    """Where a resumable computation keeps its state, and where it reports.
+
+    Attributes
+    ----------
+    checkpoint : path-like
+        File for the state of an unfinished run.
+    progress : Progress
+    log : Log
+    """
+
+    checkpoint: Path
+    progress: Progress
+    log: Log

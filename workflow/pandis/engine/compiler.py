@@ -67,7 +67,7 @@ def compiled(source, headers=()):
             "conda: conda install gcc) or name it in the environment variable CC"
         )
     command = [compiler, "-march=native", *FLAGS, *(f"-I{folder}" for folder in headers)]
-    return build(command, source, ["-lm", "-ldl", "-lpthread"], f"{source.stem}.so")
+    return build(command, source, ["-lm", "-ldl", "-lpthread"], name=f"{source.stem}.so")
 
 
 def prebuild(folder, headers):
@@ -106,7 +106,7 @@ def prebuild(folder, headers):
     return paths
 
 
-def build(command, source, libraries, name):
+def build(command, source, libraries, *, name):
     """Compile a source once per machine, and cache the result.
 
     Parameters

@@ -18,7 +18,7 @@ def thread_count():
     )
 
 
-def in_threads(part, count, parts=None, small=SMALL):
+def in_threads(part, count, parts=None, *, small=SMALL):
     """Call ``part(low, high)`` for pieces of ``range(count)``, on threads if count is large.
 
     Parameters

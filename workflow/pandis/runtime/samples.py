@@ -5,7 +5,7 @@ import numpy as np
 from pandis.base.errors import PandisError
 from pandis.base.frame import Frame
 from pandis.runtime.field import SHAPE, SHAPES, NativeField, Number
-from pandis.runtime.field.files import pack
+from pandis.runtime.field.files import Parts, pack
 
 #: Default sizes by shape (docs/format.md), mesh units.
 SIZES = {"sphere": (1.0,), "torus": (1.0, 0.4), "box": (1.0, 0.7, 0.5), "capsule": (0.4, 0.6)}
@@ -45,7 +45,7 @@ def sample_bytes(shape: str, *sizes: Number) -> bytes:
     # margins and height are 0, because a closed form's answers are exact everywhere
     safe = np.concatenate([corners.ravel(), [0.0, 0.0, 0.0]])
     wholes, provenance = [SHAPES.index(shape)], {"options": {"field": "exact"}}
-    return pack(SHAPE, frame, wholes, numbers, {"SAFE": safe}, provenance)
+    return pack(frame, Parts(SHAPE, wholes, numbers, {"SAFE": safe}), provenance)
 
 
 def _half(shape, sizes):

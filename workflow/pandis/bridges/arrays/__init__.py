@@ -54,7 +54,7 @@ class ArrayField:
         beyond = (way * way).sum(-1)
         # avoid the square root of zero, which has no derivative
         away = xp.where(beyond > 0, xp.sqrt(xp.where(beyond > 0, beyond, 1.0)), 0.0)
-        distance, direction = self._answer(xp, data, box, away, _grad(xp))
+        distance, direction = self._answer(xp, data, box, away=away, grad=_grad(xp))
         length = xp.sqrt((direction * direction).sum(-1, keepdims=True))
         up = self._put(np.array([0.0, 0.0, 1.0]), points)  # as in pandis.h, if no normal is defined
         normal = xp.where(length > 0, direction / xp.where(length > 0, length, 1.0), up)

@@ -39,7 +39,7 @@ def network(contents):
     return _answer, data
 
 
-def _answer(xp, data, box, away, grad):
+def _answer(xp, data, box, *, away, grad):
     kind = data["weights_0"].dtype
 
     def outputs(points):
@@ -54,7 +54,7 @@ def _answer(xp, data, box, away, grad):
     else:
         value, direction = grad(lambda points: outputs(points)[:, 0], box)
     if data["cells"]:
-        more, slope, _ = dense_sum(xp, data, "under", off_edge(xp, box))
+        more, slope, _ = dense_sum(xp, data, "under", p=off_edge(xp, box))
         value, direction = value + more, direction + slope
     return value + away, direction
 

@@ -47,10 +47,10 @@ def _blocks(sections, letter, bricks):
     return table.transpose(0, 3, 1, 4, 2, 5).reshape(-1)
 
 
-def _answer(xp, data, box, away, _):
+def _answer(xp, data, box, *, away, **_):
     p = off_edge(xp, box)
     value, gradient, covered = _both(xp, data, p)
-    value, gradient = _sharpened(xp, data, p, value, gradient)
+    value, gradient = _sharpened(xp, data, p, value=value, gradient=gradient)
     far, slope = _beyond(xp, data, p)
     inside = covered & (away == 0)
     free = _free(xp, data, p) | (away > 0)
@@ -68,12 +68,12 @@ def off_edge(xp, box):
 
 
 def _both(xp, data, p):
-    value, gradient, covered = _level(xp, data, "coarse", p)
-    more, steeper, _ = _level(xp, data, "fine", p)
+    value, gradient, covered = _level(xp, data, "coarse", p=p)
+    more, steeper, _ = _level(xp, data, "fine", p=p)
     return value + more, gradient + steeper, covered
 
 
-def _sharpened(xp, data, p, value, gradient):
+def _sharpened(xp, data, p, *, value, gradient):
     """Evaluate above a rounded crease, and extrapolate the answers back down."""
     missing = (1 - (gradient * gradient).sum(-1) - _SHORT) / (1 - _SHORT)
     lift = xp.clip(-value, 0, _LIFT / data["coarse_rate"])
@@ -90,7 +90,7 @@ def _sharpened(xp, data, p, value, gradient):
     )
 
 
-def _place(xp, data, name, p):
+def _place(xp, data, name, *, p):
     """Return first nodes (n, 3), weights and slopes (n, 3, 4), and which points are within."""
     rate, size = data[f"{name}_rate"], data[f"{name}_size"]
     x = (p - data[f"{name}_low"]) * rate
@@ -112,7 +112,7 @@ def _whole(xp, x):
     return x.to(xp.int64) if xp.__name__ == "torch" else x.astype(int)
 
 
-def _sum(xp, c, weights, slopes):
+def _sum(xp, c, weights, *, slopes):
     """Return values (n,) and gradients (n, 3) of coefficients (n, 4, 4, 4)."""
     x, y, z = weights[:, 0], weights[:, 1], weights[:, 2]
     along_z = xp.einsum("nxyz,nz->nxy", c, z)
@@ -125,9 +125,9 @@ def _sum(xp, c, weights, slopes):
     return (along_yz * x).sum(-1), gradient
 
 
-def _level(xp, data, name, p):
+def _level(xp, data, name, *, p):
     """Return the contribution of a sparse lattice, and where it has all 64 coefficients."""
-    first, weights, slopes, within = _place(xp, data, name, p)
+    first, weights, slopes, within = _place(xp, data, name, p=p)
     values, blocks, across = data[f"{name}_values"], data[f"{name}_blocks"], data[f"{name}_across"]
     parts = []
     for i in range(4):
@@ -139,25 +139,25 @@ def _level(xp, data, name, p):
                 parts.append(xp.where(start < 0, -1, at))
     at = xp.stack(parts, -1)
     c = values[at].reshape(-1, 4, 4, 4)  # index -1 selects the last value, which is zero
-    value, gradient = _sum(xp, c, weights, slopes)
+    value, gradient = _sum(xp, c, weights, slopes=slopes)
     zero = xp.where(within, 1.0, 0.0)
     return value * zero, gradient * zero[:, None], within & (at >= 0).all(-1)
 
 
-def dense_sum(xp, data, name, p):
+def dense_sum(xp, data, name, *, p):
     """Return values (n,) and gradients (n, 3) of a dense lattice, and which points are in it."""
-    first, weights, slopes, within = _place(xp, data, name, p)
+    first, weights, slopes, within = _place(xp, data, name, p=p)
     size, parts = data[f"{name}_size"], []
     for i in range(4):
         for j in range(4):
             row = ((first[:, 0] + i) * size + first[:, 1] + j) * size + first[:, 2]
             parts += [data[f"{name}_values"][row + k] for k in range(4)]
     coefficients = xp.stack(parts, -1).reshape(-1, 4, 4, 4)
-    return *_sum(xp, coefficients, weights, slopes), within
+    return *_sum(xp, coefficients, weights, slopes=slopes), within
 
 
 def _beyond(xp, data, p):
-    value, gradient, within = dense_sum(xp, data, "far", p)
+    value, gradient, within = dense_sum(xp, data, "far", p=p)
     zero = xp.where(within, 1.0, 0.0)
     return value * zero, gradient * zero[:, None]
 

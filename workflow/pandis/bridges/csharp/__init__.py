@@ -35,7 +35,7 @@ def write_csharp(folder: str | PathLike[str]) -> list[Path]:
     compiler = find_compiler()
     if compiler is None:
         raise PandisError("no C compiler found: install gcc, or set the environment variable CC")
-    library = build([compiler, *FLAGS, "-s"], SOURCE, ["-lm"], "csharp.so")
+    library = build([compiler, *FLAGS, "-s"], SOURCE, ["-lm"], name="csharp.so")
     folder = Path(folder)
     folder.mkdir(parents=True, exist_ok=True)
     written = [folder / "Pandis.cs", folder / "libpandis.so"]

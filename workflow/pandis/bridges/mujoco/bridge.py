@@ -224,6 +224,6 @@ class Bridge:
         rows = np.ascontiguousarray(np.concatenate(parts, axis=1))
         ctypes.memmove(self._library.bridge_next(self._bridge), rows.ctypes.data, rows.nbytes)
         self.poses.give(
-            np.array(rotations), np.array(translations), np.array(velocities), np.array(spins),
-            self.model.opt.timestep,
+            np.array(rotations), np.array(translations), np.array(velocities),
+            spins=np.array(spins), period=self.model.opt.timestep,
         )  # fmt: skip

@@ -50,10 +50,10 @@ def write_mjcf(scene, path, meshes=None):
     for name, each in placed.items():
         if name not in meshes and (file := _mesh_file(each.field, path, written)):
             meshes[name] = file
-    path.write_text(mjcf_text(path.stem, placed, meshes, frictions), encoding="utf-8")
+    path.write_text(mjcf_text(path.stem, placed, meshes, frictions=frictions), encoding="utf-8")
 
 
-def mjcf_text(model, placed, meshes, frictions):
+def mjcf_text(model, placed, meshes, *, frictions):
     """Return the text that `write_mjcf` writes.
 
     Parameters

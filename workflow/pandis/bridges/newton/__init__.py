@@ -57,7 +57,7 @@ def put(folder: str | PathLike[str], name: str, content: dict[str, Any]) -> Path
     return path
 
 
-def cooked(
+def cooked(  # noqa: PLR0913 - the options of Newton's function
     field: NativeField,
     mesh: Any,
     *,
@@ -131,9 +131,10 @@ def cooked(
     if not field.has_distance:
         raise PandisError(f"{field.path}: it is a grid of forces, which has no distance outside")
     _check_place(distance, vertices)
-    grid = Grid.around(vertices, margin, max_resolution, target_voxel_size)
+    grid = Grid.around(vertices, margin, max_resolution, voxel=target_voxel_size)
     band = max(abs(float(side)) for side in narrow_band_range)
-    content = arrays(*build(distance, grid, band, fitted, progress), grid, texture_format)
+    cells = build(distance, grid, band, fitted=fitted, progress=progress)
+    content = arrays(cells, grid, texture_format)
     return hashed(mesh, vertices, {
         "narrow_band_range": [float(side) for side in narrow_band_range],
         "target_voxel_size": None if target_voxel_size is None else float(target_voxel_size),
@@ -146,8 +147,9 @@ def cooked(
     }), content  # fmt: skip
 
 
-def arrays(coarse, blocks, values, flat, grid, texture_format):
+def arrays(cells, grid, texture_format):
     """Return the arrays of a cache file by Newton's names."""
+    coarse, blocks, values, flat = cells
     mode, kind = FORMATS[texture_format]
     places, count = blocks.places, len(blocks.places)
     side = next(n for n in range(1, count + 2) if n**3 >= count)

@@ -52,9 +52,9 @@ class CacheFile(NamedTuple):
 
 def keep(
     field: NativeField,
-    vertices: NDArray[Any],
-    faces: NDArray[Any],
+    mesh: tuple[NDArray[Any], NDArray[Any]],
     length: Number,
+    *,
     options: dict[str, Any],
     provenance: dict[str, Any],
     progress: Any = lambda done, total: None,
@@ -64,9 +64,8 @@ def keep(
     Parameters
     ----------
     field : pandis.runtime.field.NativeField
-    vertices : ndarray, shape (V, 3)
-        In units of the field's mesh.
-    faces : ndarray, shape (F, 3)
+    mesh : tuple of ndarray
+        Vertices (V, 3), in units of the field's mesh, and faces (F, 3).
     length : float
         Metres per unit of the field's mesh.
     options : dict
@@ -80,10 +79,10 @@ def keep(
     PandisError
         As `pandis.bridges.newton.cooked` does.
     """
-    corners = np.asarray(vertices * length, np.float32)
-    indices = np.ascontiguousarray(faces, np.int32).ravel()
-    mesh = SimpleNamespace(vertices=corners, indices=indices, is_solid=True)
-    name, content = cooked(field, mesh, length=length, progress=progress, **options)
+    corners = np.asarray(mesh[0] * length, np.float32)
+    indices = np.ascontiguousarray(mesh[1], np.int32).ravel()
+    solid = SimpleNamespace(vertices=corners, indices=indices, is_solid=True)
+    name, content = cooked(field, solid, length=length, progress=progress, **options)
     return CacheFile(name, content, corners, indices, options, provenance)
 
 

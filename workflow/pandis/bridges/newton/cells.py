@@ -35,7 +35,7 @@ class Grid(NamedTuple):
     blocks: np.ndarray
 
     @classmethod
-    def around(cls, vertices, margin, resolution, voxel):
+    def around(cls, vertices, margin, resolution, *, voxel):
         """Return Newton's grid around vertices (n, 3), computed with Newton's arithmetic.
 
         Parameters
@@ -101,7 +101,7 @@ class Blocks(NamedTuple):
         return cells, self.nodes[cells[:, 0]]
 
 
-def build(distance, grid, band, fitted, progress):
+def build(distance, grid, band, *, fitted, progress):
     """Return coarse distances, blocks, values at their nodes, and the places of flat blocks.
 
     Parameters
@@ -136,11 +136,11 @@ def build(distance, grid, band, fitted, progress):
     flat, bent_blocks = blocks.places[~bent], Blocks.of(blocks.places[bent], grid)
     values = values[np.isin(_keys(blocks.nodes, grid), _keys(bent_blocks.nodes, grid))]
     if fitted and len(bent_blocks.places):
-        values = fit(distance, grid, bent_blocks, values, progress)
+        values = fit(distance, grid, bent_blocks, values=values, progress=progress)
     return coarse, bent_blocks, values, flat
 
 
-def fit(distance, grid, blocks, values, progress):
+def fit(distance, grid, blocks, *, values, progress):
     """Return node values (u,) that minimise the interpolation error near the surface.
 
     The sum of absolute errors at Gauss points, in every cell near the surface, is minimised by
@@ -174,13 +174,13 @@ def fit(distance, grid, blocks, values, progress):
     for _ in range(_REWEIGHTED):
         left = off - change[corners] @ weights.T
         usual = np.sqrt((counts * left**2).sum() / counts.sum())
-        change += _least_squares(corners, weights, weight, left, gathered)
+        change += _least_squares(corners, weights, weight, left=left, gathered=gathered)
         left = off - change[corners] @ weights.T
         weight = counts / np.sqrt(left**2 + (_SOFTLY * usual) ** 2)
     return values + change
 
 
-def _least_squares(corners, weights, weight, left, gathered):
+def _least_squares(corners, weights, weight, *, left, gathered):
     """Return the node changes that minimise the weighted squared residuals ``left`` (c, points).
 
     Solved by conjugate gradients with a diagonal preconditioner.

@@ -41,7 +41,7 @@ class Leaves(NamedTuple):
         return np.abs(self.values) < np.float32(self.background)
 
 
-def leaves(field, voxel, band, length=1.0, whole=False):
+def leaves(field, voxel, band, *, length=1.0, whole=False):
     """Return the `Leaves` of a field.
 
     Parameters

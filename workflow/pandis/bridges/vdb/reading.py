@@ -103,8 +103,8 @@ def _grid(reader):
     origins, masks, tiles = [], [], []
     for _ in range(outer):
         place = np.array(reader.take("3i"))
-        for below in _children(reader, place, OUTER[0], INNER[1], tiles):
-            leaves = _children(reader, below, INNER[0], SIDE, tiles)
+        for below in _children(reader, place, OUTER[0], length=INNER[1], tiles=tiles):
+            leaves = _children(reader, below, INNER[0], length=SIDE, tiles=tiles)
             origins.append(leaves)
             masks += [reader.bits(SIDE) for _ in leaves]
     if buffers != reader.at:
@@ -134,7 +134,7 @@ def _grid(reader):
     )
 
 
-def _children(reader, place, side, length, tiles):
+def _children(reader, place, side, *, length, tiles):
     """Return the first voxels of a node's children, each ``length`` voxels wide; add its tiles."""
     child, _ = reader.bits(side), reader.bits(side)
     reader.sides()

@@ -76,15 +76,15 @@ def _topology(origins, active, leaves):
         here = (np.floor_divide(origins, OUTER[1]) * OUTER[1] == place).all(axis=1)
         parts.append(struct.pack("<3i", *place))
         inner = np.unique(np.floor_divide(origins[here], INNER[1]) * INNER[1], axis=0)
-        parts.append(_node(place, inner, OUTER[0], INNER[1], leaves))
+        parts.append(_node(place, inner, OUTER[0], side=INNER[1], leaves=leaves))
         for below in inner:
             inside = (np.floor_divide(origins, INNER[1]) * INNER[1] == below).all(axis=1)
-            parts.append(_node(below, origins[inside], INNER[0], SIDE, leaves))
+            parts.append(_node(below, origins[inside], INNER[0], side=SIDE, leaves=leaves))
             parts += [_bits(mask) for mask in active[inside]]
     return b"".join(parts)
 
 
-def _node(place, children, count, side, leaves):
+def _node(place, children, count, *, side, leaves):
     """Return a node: its children, no active tiles, and the sides of the inactive ones."""
     child = np.zeros((count,) * 3, bool)
     child[tuple(((children - place) // side).T)] = True

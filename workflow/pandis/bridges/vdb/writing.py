@@ -56,7 +56,9 @@ def write_volume(
     for what, value in (("voxel", voxel), ("band", band), ("length", length)):
         if not (np.isfinite(value) and value > 0):
             raise PandisError(f"{what}: {value} is not a positive number")
-    volume = leaves(field, float(voxel), float(band), float(length), whole=path.suffix == ".nvdb")
+    volume = leaves(
+        field, float(voxel), float(band), length=float(length), whole=path.suffix == ".nvdb"
+    )
     if path.suffix == ".vdb":
         path.write_bytes(vdb_bytes({name: volume}))
     else:

@@ -26,7 +26,7 @@ LONGEST, STIFFEST, USUAL = 10.0, 5000.0, 1500.0
 _STEPS = 32767
 
 
-def write_page(path: str | PathLike[str], files, size, stiffness) -> None:
+def write_page(path: str | PathLike[str], files, size, *, stiffness) -> None:
     """Write a page on which an object's fields can be touched.
 
     Parameters
@@ -51,10 +51,10 @@ def write_page(path: str | PathLike[str], files, size, stiffness) -> None:
         _check(field, fields[0])
     first = fields[0].path
     name = first.parent.parent.name if first.parent.name == "export" else first.stem
-    Path(path).write_text(page(name, fields, size, stiffness), encoding="utf-8")
+    Path(path).write_text(page(name, fields, size, stiffness=stiffness), encoding="utf-8")
 
 
-def page(name, fields, size, stiffness):
+def page(name, fields, size, *, stiffness):
     """Return a page on which the fields of an object called ``name`` can be touched.
 
     Parameters and errors are as for `write_page`, except that ``fields`` are open fields.
@@ -108,7 +108,7 @@ def section(fields, size, stiffness):
         "faces": _text(faces, "<u2" if small else "<u4"),
         "small": small,
     }
-    return touched(fields, size, stiffness, drawn | loop())
+    return touched(fields, size, stiffness, more=drawn | loop())
 
 
 def loop():
@@ -116,7 +116,7 @@ def loop():
     return {"wasm": _text(np.fromfile(MODULE, np.uint8), "u1"), "loop": script("loop")}
 
 
-def touched(fields, size, stiffness, more):
+def touched(fields, size, stiffness, *, more):
     """Return the same HTML as `section`, for an object that is drawn from other data.
 
     Parameters

@@ -102,7 +102,9 @@ class Bvh:
         others = [partial(task, work) for task in (lib.bvh_meet, lib.bvh_turn)]
         # each step waits for the previous one; its longest tasks start first
         for tasks in (opened[:1], opened[1:], [*others, *grown]):
-            in_threads(lambda low, _, tasks=tasks: tasks[low](), len(tasks), len(tasks), small)
+            in_threads(
+                lambda low, _, tasks=tasks: tasks[low](), len(tasks), len(tasks), small=small
+            )
         return lib.bvh_finish(work)
 
     def __del__(self):
@@ -110,7 +112,7 @@ class Bvh:
             self._library.bvh_free(self._tree)
             self._tree = None
 
-    def label(self, points, on_surface, check=True, tie=None, feet=True):
+    def label(self, points, on_surface, check=True, *, tie=None, feet=True):
         """Return exact distances with normals, faces and flags.
 
         Parameters

@@ -18,7 +18,7 @@ def library():
     return lib
 
 
-def mass_steps(oscillator, position, speed, push, steps):
+def mass_steps(oscillator, position, speed, *, push, steps):
     """Return positions and speeds (n, 3) after a number of steps under constant pushes (n, 3).
 
     Parameters

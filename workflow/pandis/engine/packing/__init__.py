@@ -121,7 +121,7 @@ def pack_mesh(vertices, faces, sides):
     return Packed(*parts)
 
 
-def distance_and_clear(arrays, bits, points, most=0):
+def distance_and_clear(arrays, bits, points, *, most=0):
     """Return the distances that ``pandis.h`` computes, and lower bounds of the distance.
 
     Parameters

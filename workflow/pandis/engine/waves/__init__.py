@@ -24,18 +24,21 @@ def _pool(threads):
     return ThreadPoolExecutor(threads)
 
 
-def sines(z, bias, cosine, rows, columns, threads):
+def sines(z, bias, cosine, *, shape, threads):
     """Replace z by sin(z + bias) and store cos(z + bias), within 1.2e-7 for |z + bias| <= 1e4.
 
     Parameters
     ----------
     z, cosine : int
-        Addresses of rows x columns float32, in row-major order.
+        Addresses of float32 numbers, in row-major order.
     bias : int
         Address of one float32 per row.
-    rows, columns, threads : int
-        The number of threads does not change the result.
+    shape : tuple of int
+        Numbers of rows and columns.
+    threads : int
+        Does not change the result.
     """
+    rows, columns = shape
     work = library().waves_sines
     if threads == 1:
         work(z, bias, cosine, 0, rows, columns)

@@ -44,7 +44,7 @@ def write_crate(folder, outputs, provenance):
     for output in inside:
         files.append(_file(output.path, ids[output.path]))
         if stored := provenance.get(output.path):
-            actions.append(_action(output, ids, stored, folder))
+            actions.append(_action(output, ids, stored, folder=folder))
     parts = [{"@id": file["@id"]} for file in files]
     graph = [_descriptor(), _dataset(parts), _licence(), *files, *actions, _software()]
     document = {"@context": f"{_SPECIFICATION}/context", "@graph": graph}
@@ -102,7 +102,7 @@ def _file(path, identifier):
     }
 
 
-def _action(output, ids, stored, folder):
+def _action(output, ids, stored, *, folder):
     """Return the entry for a stage's run: its inputs in the crate, its result, its options."""
     names = [name.replace(RESULTS, folder, 1) for name in stored["inputs"]]
     inputs = [{"@id": ids[name]} for name in names if name in ids]

@@ -61,16 +61,16 @@ def _report(plan, good, refused):
     """Return the texts of the summary and the report of the ``good`` meshes."""
     fields = {mesh: plan.entries[mesh].fields for mesh in good}
     meshes = {mesh: (plan.report_artifacts(mesh), fields[mesh]) for mesh in good}
-    sections = mesh_sections(meshes, 1, silent_progress, _forget)
+    sections = mesh_sections(meshes, 1, silent_progress, note=_forget)
     columns = ([read_artifact(f"{plan.folder}/{mesh}/{stem}.zarr.zip") for mesh in good]
                for stem in _STEMS)  # fmt: skip
-    return to_csv(summarise(*columns), refused), build(sections, refused)
+    return to_csv(summarise(columns), refused), build(sections, refused)
 
 
 def _collection(plan, good, refused):
     """Return the texts of the table and the page of the ``good`` meshes' collection."""
     meshes = {mesh: plan.report_artifacts(mesh) for mesh in good}
-    rows = collection.collect(meshes, thread_count(), silent_progress, _forget)
+    rows = collection.collect(meshes, thread_count(), silent_progress, note=_forget)
     return collection.to_csv(rows, refused), collection.build(rows, refused)
 
 

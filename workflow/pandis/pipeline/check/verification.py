@@ -214,7 +214,7 @@ class Checker:
                 [read_artifact(name) for name in self.plan.results(f"{stem}.zarr.zip")]
                 for stem in ("evaluation", "timing", "stress", "hardware")
             )
-            text = to_csv(summarise(*read))
+            text = to_csv(summarise(read))
         except PandisError:
             return "its input, an artifact that it summarises, is missing or damaged"
         same = _without_builds(path.read_bytes()) == _without_builds(text.encode())

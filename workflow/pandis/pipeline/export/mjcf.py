@@ -2,6 +2,8 @@
 
 import os
 import tempfile
+from collections.abc import Callable
+from typing import NamedTuple
 
 import numpy as np
 
@@ -23,7 +25,7 @@ _POINTS, _REACH = 2000, 1.3
 _CLOSE = 1e-9
 
 
-def export_mjcf(model, paths, drawn, size, log):
+def export_mjcf(model, paths, drawn, *, size, log):
     """Return a model as text: one body for each field, in a row along x.
 
     Parameters
@@ -45,10 +47,10 @@ def export_mjcf(model, paths, drawn, size, log):
     """
     fields = with_distances([NativeField(path) for path in paths], log)
     placed = {
-        field.path.stem: Placed.at(field, size, 0.0, (_PITCH * size * number, 0.0, 0.0))
+        field.path.stem: Placed.at(field, size, 0.0, position=(_PITCH * size * number, 0.0, 0.0))
         for number, field in enumerate(fields)
     }
-    text = mjcf_text(model, placed, dict.fromkeys(placed, drawn), {})
+    text = mjcf_text(model, placed, dict.fromkeys(placed, drawn), frictions={})
     try:
         register()
     except PandisError as error:
@@ -62,19 +64,28 @@ def export_mjcf(model, paths, drawn, size, log):
     return text
 
 
+class Query(NamedTuple):
+    """A field in a model: its name, its placement, its geom, and a function that queries MuJoCo."""
+
+    name: str
+    placed: Placed
+    geom: object
+    ask: Callable
+
+
 def _differences(text, placed, size):
     """Return the largest error of MuJoCo's distances over all fields (share of the size)."""
     here = os.getcwd()
     with tempfile.TemporaryDirectory() as folder:
         os.chdir(folder)  # MuJoCo writes its warnings here
         try:
-            return max(_off(name, *query, size) for name, *query in _queries(text, placed))
+            return max(_off(query, size) for query in _queries(text, placed))
         finally:
             os.chdir(here)
 
 
 def _queries(text, placed):
-    """Yield each field's name, placement and geom, and a function that queries MuJoCo."""
+    """Yield the `Query` of each field."""
     import mujoco
 
     try:
@@ -82,11 +93,12 @@ def _queries(text, placed):
     except ValueError as error:
         raise PandisError(f"MuJoCo cannot load the model: {error}") from error
     for geom, (name, each) in zip(instances(model), placed.items(), strict=True):
-        yield name, each, geom, asker(model, geom.geom)
+        yield Query(name, each, geom, asker(model, geom.geom))
 
 
-def _off(name, each, geom, ask, size):
+def _off(query, size):
     """Return the largest error of a field's distances (share of the size); raise if it is large."""
+    name, each, geom, ask = query
     rng = np.random.default_rng(0)
     points = each.field.frame.to_mesh(rng.uniform(-_REACH, _REACH, (_POINTS, 3)))
     expected = each.field.query(points)

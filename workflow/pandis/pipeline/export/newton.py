@@ -20,7 +20,7 @@ _POINTS, _NEAR = 100_000, 0.01
 _MEAN = 0.05
 
 
-def export_newton(body, size, provenance, log, progress):
+def export_newton(body, size, provenance, *, log, progress):
     """Return a ``.npz`` file that `pandis.bridges.newton.cache.unpack` puts into Newton's cache.
 
     Parameters
@@ -52,12 +52,19 @@ def export_newton(body, size, provenance, log, progress):
     def report(done, total):
         reports.setdefault(total, progress("cook", total)).update(done)
 
-    data = keep(field, body.vertices, body.faces, length, options, provenance, report)
-    _compare(data.content, field, length, size, log)
+    data = keep(
+        field,
+        (body.vertices, body.faces),
+        length,
+        options=options,
+        provenance=provenance,
+        progress=report,
+    )
+    _compare(data.content, field, length, size=size, log=log)
     return seal_zip(data.packed())
 
 
-def _compare(content, field, length, size, log):
+def _compare(content, field, length, *, size, log):
     """Compare Newton's interpolated distances with exact ones within the extents of the grid."""
     rng = np.random.default_rng(0)
     points = rng.uniform(content["min_extents"], content["max_extents"], (_POINTS, 3))

@@ -21,7 +21,7 @@ _MARK = b"<!-- sha256:"
 _TYPES = {"Float32": np.dtype("<f4"), "UInt8": np.dtype("u1")}
 
 
-def write_vti(origin, spacing, arrays, note=None):
+def write_vti(origin, spacing, arrays, *, note=None):
     """Return image data as bytes.
 
     Parameters
@@ -137,7 +137,7 @@ def export_vti(name, artifact, provenance):
     axes = getattr(field, "axes", Axes.of_cube(grid.size))
     origin = field.frame.to_mesh(np.array(axes.low))
     note = {"field": name, "provenance": provenance}
-    return write_vti(origin, axes.step / field.frame.scale, grid_arrays(field, axes), note)
+    return write_vti(origin, axes.step / field.frame.scale, grid_arrays(field, axes), note=note)
 
 
 def grid_arrays(field, axes):

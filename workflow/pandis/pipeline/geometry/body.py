@@ -36,7 +36,7 @@ class Body:
     regions : Regions, optional
     """
 
-    def __init__(self, vertices, faces, frame=None, shape=None, regions=None):
+    def __init__(self, vertices, faces, frame=None, *, shape=None, regions=None):
         self.vertices, self.faces, self.shape = vertices, faces, shape
         self.regions = regions
         self.frame = frame or Frame.of_bounds(vertices.min(axis=0), vertices.max(axis=0))
@@ -47,7 +47,8 @@ class Body:
         frame = Frame.of(mesh)
         shape, names = mesh.attributes.get("shape"), mesh.attributes.get("regions")
         regions = Regions(mesh.arrays["region"], tuple(names)) if names else None
-        return cls(mesh.arrays["vertices"], mesh.arrays["faces"], frame, shape, regions)
+        vertices, faces = mesh.arrays["vertices"], mesh.arrays["faces"]
+        return cls(vertices, faces, frame, shape=shape, regions=regions)
 
     @cached_property
     def corners(self):

@@ -68,10 +68,11 @@ class MeshDistance:
         PandisError
             The signs by pseudonormal and by winding number disagree too often.
         """
-        return self._answer(points, (TIE_DISTANCE, TIE_ANGLE) if ties else None, check, True)
+        tie = (TIE_DISTANCE, TIE_ANGLE) if ties else None
+        return self._answer(points, check, tie=tie, feet=True)
 
-    def _answer(self, points, tie, check, feet):
-        labels = self._tree.label(points, SURFACE_DISTANCE, check, tie, feet)
+    def _answer(self, points, check, *, tie=None, feet=False):
+        labels = self._tree.label(points, SURFACE_DISTANCE, check, tie=tie, feet=feet)
         self._checked += len(points)
         allowed = max(1, MAX_OVERRULED * self._checked)
         if self._tree.overruled > allowed:
@@ -102,11 +103,11 @@ class MeshDistance:
         """
         points = np.ascontiguousarray(points, np.float64)
         if len(points) <= CHUNK:
-            return self._answer(points, None, check, False)[:2]
+            return self._answer(points, check)[:2]
         distance, normal = np.empty(len(points)), np.empty((len(points), 3))
         for start in range(0, len(points), CHUNK):
             part = slice(start, start + CHUNK)
-            distance[part], normal[part] = self._answer(points[part], None, check, False)[:2]
+            distance[part], normal[part] = self._answer(points[part], check)[:2]
             if progress:
                 progress.update(min(start + CHUNK, len(points)))
         return distance, normal

@@ -40,7 +40,7 @@ class ContactSet(NamedTuple):
     left_out: float
 
 
-def draw_contacts(body, scale, count, rng, even=False):
+def draw_contacts(body, scale, count, *, rng, even=False):
     """Draw a contact set.
 
     Parameters
@@ -63,8 +63,8 @@ def draw_contacts(body, scale, count, rng, even=False):
     depths = {name: rng.permutation((np.arange(count) + rng.random(count)) / count)
               for name in SETS}  # fmt: skip
     deepest = max(SETS.values())
-    radius = inscribed_radius(engine, feet, outward, deepest / OF_RADIUS)
-    wall = are_walls(engine, feet, outward, radius)
+    radius = inscribed_radius(engine, feet, outward, largest=deepest / OF_RADIUS)
+    wall = are_walls(engine, feet, outward, radius=radius)
     thick_enough = ~too_thin(radius, wall, scale)
     feet, outward, wall, reach = (
         feet[thick_enough],
@@ -74,7 +74,7 @@ def draw_contacts(body, scale, count, rng, even=False):
     )
 
     def probes(depth):
-        return below(engine, feet, outward, depth, wall, scale)
+        return below(engine, feet, outward, depth=depth, wall=wall, scale=scale)
 
     sets = {name: probes(depths[name][thick_enough] * np.minimum(most, reach))
             for name, most in SETS.items()}  # fmt: skip
@@ -86,7 +86,7 @@ def too_thin(radius: Values, wall: Flags, scale) -> Flags:
     return wall & (2 * radius < THINNEST * scale.metre)
 
 
-def below(engine, feet: Points, outward: Points, depth: Values, wall: Flags, scale):
+def below(engine, feet: Points, outward: Points, *, depth: Values, wall: Flags, scale):
     """Return the `Probes` at depths (n,) below surface points (n, 3)."""
     points = feet - depth[:, None] * outward
     answers = engine.distance_and_normal(points, check=False)

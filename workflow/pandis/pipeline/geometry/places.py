@@ -44,7 +44,7 @@ class Stratified(NamedTuple):
         return np.minimum(OF_RADIUS * self.radius, deepest)
 
 
-def stratify(body, scale, count, rng, among="pushing"):
+def stratify(body, scale, count, *, rng, among="pushing"):
     """Draw surface points by classes of inscribed radius, so that no thin part is left out.
 
     Parameters
@@ -65,8 +65,8 @@ def stratify(body, scale, count, rng, among="pushing"):
         If there is no such area, the points are from the thickest hundredth of all candidates.
     """
     feet, outward, _, _ = body.surface.draw(_POOL, rng)
-    radius = inscribed_radius(body.distance, feet, outward, THICKEST)
-    wall = are_walls(body.distance, feet, outward, radius)
+    radius = inscribed_radius(body.distance, feet, outward, largest=THICKEST)
+    wall = are_walls(body.distance, feet, outward, radius=radius)
     pushing = OF_RADIUS * radius * scale.newtons >= JUDGED
     drawn = {"pushing": pushing, "judged": pushing | wall, "all": np.ones(len(feet), bool)}[among]
     chosen = np.flatnonzero(drawn & ~too_thin(radius, wall, scale))

@@ -65,7 +65,7 @@ class Points:
 
     def _draw(self, count, stream):
         rng = generator(self.seed, *stream)
-        return draw_contacts(self.body, self.scale, count, rng)
+        return draw_contacts(self.body, self.scale, count, rng=rng)
 
     @cached_property
     def mean_force(self):

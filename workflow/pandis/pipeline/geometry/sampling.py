@@ -47,7 +47,7 @@ class Surface:
         self.share = self._cumulative(self.areas)
         self.engine = engine
 
-    def draw(self, count, rng, start=0, total=None, bent=False):
+    def draw(self, count, rng, start=0, *, total=None, bent=False):
         """Draw points stratified by area.
 
         Parameters

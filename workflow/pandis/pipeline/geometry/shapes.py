@@ -98,9 +98,9 @@ class Box:
         """Return vertices (V, 3) and faces (F, 3)."""
         return _welded_patches(self._patch, cuts)
 
-    def _patch(self, axis, side, u, v):
+    def _patch(self, axis, side, uv):
         """Map [-1, 1]² to one side of the box, counter-clockwise as seen from outside."""
-        point = np.empty((len(u), 3))
+        (u, v), point = uv, np.empty((len(uv[0]), 3))
         point[:, axis] = side
         point[:, (axis + 1) % 3] = u if side > 0 else v
         point[:, (axis + 2) % 3] = v if side > 0 else u
@@ -200,7 +200,7 @@ def _welded_patches(patch, cuts):
     a, b, c, d = corner[:-1, :-1], corner[1:, :-1], corner[1:, 1:], corner[:-1, 1:]
     quads = np.concatenate([np.stack(t, -1).reshape(-1, 3) for t in ((a, b, c), (a, c, d))])
     sides = [(axis, side) for axis in range(3) for side in (1.0, -1.0)]
-    points = np.concatenate([patch(axis, side, u, v) for axis, side in sides])
+    points = np.concatenate([patch(axis, side, (u, v)) for axis, side in sides])
     faces = np.concatenate([quads + i * len(u) for i in range(len(sides))])
     vertices, index = np.unique(points, axis=0, return_inverse=True)
     return vertices, index.reshape(-1)[faces]

@@ -95,7 +95,7 @@ class Probes:
         return penalty_force(*answers).reshape(beside.shape)
 
 
-def missing(force: Points, exact: Points, wall: Flags, newtons) -> Flags:
+def missing(force: Points, exact: Points, wall: Flags, *, newtons) -> Flags:
     """Return a mask (n,) of where a force is missing: less than half of the exact force.
 
     Away from walls it must also fall short by 0.05 N.
@@ -114,7 +114,7 @@ def missing(force: Points, exact: Points, wall: Flags, newtons) -> Flags:
     return ~(against >= MISSING * size) & ~(against > size - floor)
 
 
-def felt(force: Points, exact: Points, newtons, share=FELT_SHARE) -> Flags:
+def felt(force: Points, exact: Points, newtons, *, share=FELT_SHARE) -> Flags:
     """Return a mask (n,) of where the difference between two forces can be felt.
 
     Parameters
@@ -146,7 +146,7 @@ def strongly_felt(force: Points, probes) -> Flags:
     probes : Probes
     """
     newtons = probes.scale.newtons
-    strong = felt(force, probes.force, newtons, STRONG_SHARE)
+    strong = felt(force, probes.force, newtons, share=STRONG_SHARE)
     left = np.flatnonzero(strong)
     for there in np.moveaxis(probes.around, 1, 0) if len(left) else ():
         here = probes.force[left]
@@ -159,7 +159,7 @@ def strongly_felt(force: Points, probes) -> Flags:
         most = np.maximum(np.linalg.norm(here, axis=1), np.linalg.norm(there[left], axis=1))
         size = np.clip(np.linalg.norm(force[left], axis=1), least, most)
         mixed *= (size / np.maximum(least, 1e-300))[:, None]
-        left = left[felt(force[left], mixed, newtons, STRONG_SHARE)]
+        left = left[felt(force[left], mixed, newtons, share=STRONG_SHARE)]
     strong[:] = False
     strong[left] = True
     return strong
@@ -201,7 +201,7 @@ def shares(force: Points, probes):
         so that no field passes without evidence.
     """
     judged, pushing = probes.judged, probes.newtons >= JUDGED
-    gone = missing(force, probes.force, probes.wall, probes.scale.newtons)[judged]
+    gone = missing(force, probes.force, probes.wall, newtons=probes.scale.newtons)[judged]
     different = felt(force, probes.force, probes.scale.newtons)[pushing]
     return {
         "judged": float(judged.mean()) if len(judged) else 0.0,

@@ -113,7 +113,7 @@ class Strata:
             for shard, start in enumerate(range(0, high - low, SHARD)):
                 rng = generator(self.seed, index, shard)
                 size = min(SHARD, high - low - start)
-                yield self._label(index, *self._draw(name, rng, start, size, high - low))
+                yield self._label(index, self._draw(name, rng, start, size=size, total=high - low))
                 done += size
                 report.update(done)
 
@@ -144,7 +144,7 @@ class Strata:
             count = round(size * (high - low) / trained)
             if name != "held-out" and count:
                 rng = generator(self.seed, len(STRATA) + index, block)
-                drawn[name] = self._draw(name, rng, 0, count, count)
+                drawn[name] = self._draw(name, rng, 0, size=count, total=count)
         # label all at once, because a GPU is slow on small batches
         points = np.concatenate([of[0] for of in drawn.values()]).astype(np.float32)
         labels = self.engine.label(points.astype(np.float64), ties=False)
@@ -156,7 +156,7 @@ class Strata:
             rows[: len(face), 4:] = self.body.surface.at(face, barycentrics)[1]
         return rows
 
-    def _draw(self, stratum, rng, start, size, total):
+    def _draw(self, stratum, rng, start, *, size, total):
         """Return points, offsets along the normal, faces and barycentrics."""
         options, index = self.options, start + np.arange(size)
         if stratum == "box":
@@ -174,13 +174,14 @@ class Strata:
             offset = rng.random(size)  # share of the depth range, on a logarithmic scale
         else:
             offset = -rng.uniform(0, options.depth, size)
-        drawn = self.body.surface.draw(size, rng, start, total, bent=stratum == "bent")
+        drawn = self.body.surface.draw(size, rng, start, total=total, bent=stratum == "bent")
         points, normals, face, barycentrics = drawn
         if stratum == "core":
             offset = -(options.depth ** (1 - offset)) * _way(points, -normals) ** offset
         return points + offset[:, None] * normals, offset, face, barycentrics
 
-    def _label(self, index, points, offset, face, barycentrics):
+    def _label(self, index, drawn):
+        points, offset, face, barycentrics = drawn
         points = points.astype(np.float32)
         labels = self.engine.label(points.astype(np.float64))
         distance, normal = labels.distance, labels.normal

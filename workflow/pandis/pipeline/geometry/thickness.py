@@ -14,7 +14,7 @@ _STEPS = 60
 WALL = 4.0
 
 
-def inscribed_radius(engine, points: Points, normals: Points, largest=UNIT_SIDE / 2) -> Values:
+def inscribed_radius(engine, points: Points, normals: Points, *, largest=UNIT_SIDE / 2) -> Values:
     """Return the radius (n,) of the largest inscribed ball that touches each surface point.
 
     At greater depths another face is nearer, and a penalty force reverses. For a plate the radius
@@ -52,7 +52,7 @@ def inscribed_radius(engine, points: Points, normals: Points, largest=UNIT_SIDE 
     return radius
 
 
-def are_walls(engine, points: Points, normals: Points, radius: Values) -> Flags:
+def are_walls(engine, points: Points, normals: Points, *, radius: Values) -> Flags:
     """Return a mask (n,) of the surface points on walls, where the solid below is thin.
 
     A small inscribed ball does not suffice: near a convex edge of a thick part, the radius tends to

@@ -13,7 +13,7 @@ _OF_RADIUS = 0.8
 TURNS = 6
 
 
-def trace(body, options, seed, progress):
+def trace(body, options, seed, *, progress):
     """Trace a smooth path at a smoothly varying depth.
 
     At each sample the probe moves one step along the surface, in a heading that turns slowly at
@@ -44,10 +44,10 @@ def trace(body, options, seed, progress):
     """
     if options.kind == "spiral":
         return _spiral(body.distance, options.samples), {"followed": ""}
-    path = _walk(body, options, seed, progress, follow=False)
+    path = _walk(body, options, seed, progress=progress, follow=False)
     if path is not None:
         return path, {"followed": ""}
-    path = _walk(body, options, seed, progress, follow=True)
+    path = _walk(body, options, seed, progress=progress, follow=True)
     if path is None:
         raise PandisError(
             "the probe's path fits nowhere on the mesh, at any depth: the mesh's parts are smaller "
@@ -61,14 +61,14 @@ def trace(body, options, seed, progress):
     }
 
 
-def _walk(body, options, seed, progress, follow):
+def _walk(body, options, seed, *, progress, follow):
     """Return the arrays of a path; None if it cannot be completed.
 
     With ``follow``, its depth is at most 0.8 of the inscribed radius.
     """
     rng = np.random.default_rng(seed)
     count, step = options.samples, options.step
-    depth = _depths(count, options.shallow, options.deep, rng)
+    depth = _depths(count, options.shallow, options.deep, rng=rng)
     report = progress("trajectory", count, "samples")
     tracer = _Tracer(body.distance, step, follow)
     starts, normals, _, _ = body.surface.draw(1000, rng)
@@ -87,7 +87,7 @@ def _walk(body, options, seed, progress, follow):
         else:
             heading = heading + rng.normal(0, 0.025, 3)
             state, heading = tracer.advance(
-                points[done - 1], found_normals[done - 1], heading, depth[done], rng
+                points[done - 1], found_normals[done - 1], heading, depth=depth[done], rng=rng
             )
             if state is None:
                 heading = None
@@ -114,7 +114,7 @@ class _Tracer:
         radius = inscribed_radius(self.engine, foot[None], normal[None])[0]
         return min(depth, _OF_RADIUS * radius)
 
-    def settle(self, point, normal, depth, reach):
+    def settle(self, point, normal, depth, *, reach):
         """Move a point to the depth; None if it ends at another depth or side, or too far away."""
         start, now = point, normal
         for _ in range(6):
@@ -129,7 +129,7 @@ class _Tracer:
         same_side = direction[0] @ normal > 0.0
         return (point, distance[0], direction[0]) if well and near and same_side else None
 
-    def _step(self, point, normal, heading, depth):
+    def _step(self, point, normal, heading, *, depth):
         """Take one step along the surface; return the new state, or None."""
         there = point + self.step * heading
         if self.follow:
@@ -139,14 +139,14 @@ class _Tracer:
             there = foot - depth * outward[0]
         return self.settle(there, normal, depth, reach=self.step)
 
-    def advance(self, point, normal, heading, depth, rng):
+    def advance(self, point, normal, heading, *, depth, rng):
         """Take one step; turn by increasing angles until a step succeeds."""
         for attempt in range(_TRIES):
             along = heading - (heading @ normal) * normal
             length = np.linalg.norm(along)
             if length > 1e-6:
                 heading = along / length
-                state = self._step(point, normal, heading, depth)
+                state = self._step(point, normal, heading, depth=depth)
                 if state is not None:
                     return state, heading
             heading = heading + rng.normal(0, 0.3 * (attempt + 1), 3)
@@ -168,7 +168,7 @@ def _spiral(engine, count):
     return {"points": points, "distance": distance, "normal": normal}
 
 
-def _depths(count, shallow, deep, rng):
+def _depths(count, shallow, deep, *, rng):
     """Return depths that vary smoothly between ``shallow`` and ``deep``."""
     time = np.arange(count) / max(count - 1, 1)
     wave = sum(

@@ -26,20 +26,17 @@ class Chooser:
 
     Parameters
     ----------
-    body : pandis.pipeline.geometry.body.Body
     points : pandis.pipeline.geometry.points.Points
-        Points drawn on that body.
+        Points on the body that the field is for.
     options : pandis.pipeline.run.ask.tasks.ChooseTask
     times : pandis.pipeline.run.plan.query_times.QueryTimes
-    checkpoint : path-like
-        File to which training saves its state.
-    progress : pandis.base.progress.Progress
-    log : pandis.base.progress.Log
+    context : pandis.base.progress.Context
+        Training saves its state there.
     """
 
-    def __init__(self, body, points, options, times, checkpoint, progress, log):
-        self.body, self.points, self.options, self.times = body, points, options, times
-        self.checkpoint, self.progress, self.log = checkpoint, progress, log
+    def __init__(self, points, options, times, *, context):
+        self.body, self.points, self.options, self.times = points.body, points, options, times
+        self.context, self.progress, self.log = context, context.progress, context.log
         self.budget = options.budget
         self.limits = points.limits(self.budget)
         self.considered, self._nearest, self._suite = [], None, None
@@ -128,7 +125,7 @@ class Chooser:
             before.append((size, measured))
             if not measured.why:
                 called = name.format(form=form, size=size)
-                choice = self.choice(called, bytes_, measured, self.time(form, size))
+                choice = self.choice(called, bytes_, measured, seconds=self.time(form, size))
                 return Outcome(candidate.arrays, candidate.attributes, choice)
             if form not in best or measured.excess < best[form][1].excess:
                 best[form] = size, measured
@@ -161,7 +158,7 @@ class Chooser:
         """Export a field that meets the budget; measure and stress-test the exported file."""
         try:
             native = NativeOptions(weight_bits=self.options.weight_bits)
-            data = export_native(field, self.body, native, {}, _silent)
+            data = export_native(field, self.body, native, provenance={}, log=_silent)
         except PandisError as error:
             return measured._replace(why=f"meets the limits, but cannot be exported: {error}",
                                      excess=max(measured.excess, 1.0))  # fmt: skip
@@ -185,7 +182,7 @@ class Chooser:
         """The stress suite of the body, made when it is first needed."""
         if self._suite is None:
             options, seed = self.options.stress, self.options.seed
-            self._suite = Suite(self.body, self.points.scale, options, seed)
+            self._suite = Suite(self.body, self.points.scale, options, seed=seed)
         return self._suite
 
     def _try_controls(self):
@@ -202,7 +199,7 @@ class Chooser:
         reasons = "; ".join(f"{one.field}: {one.why}" for one in self.considered)
         self.log(f"networks are tried next, because no cheaper kind meets the budget: {reasons}")
 
-    def choice(self, name, bytes_, measured, seconds):
+    def choice(self, name, bytes_, measured, *, seconds):
         """Return the record of a field that meets the budget."""
         return Chosen(
             field=name,

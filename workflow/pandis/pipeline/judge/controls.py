@@ -61,7 +61,7 @@ class ControlGap(Field):
         Share of the area that the filter accepts.
     """
 
-    def __init__(self, name, exact, passes, of_all=False):
+    def __init__(self, name, exact, passes, *, of_all=False):
         super().__init__(name, exact.frame, exact.bytes)
         self.engine, self.exact, self._passes = exact.engine, exact, passes
         surface = exact.body.surface
@@ -69,7 +69,7 @@ class ControlGap(Field):
         mesh = isinstance(self.engine, MeshDistance)
         self._faces = None if mesh else Bvh(surface.corners.reshape(-1, 3), _every(surface))
         feet, outward, _, _ = surface.draw(_POOL, np.random.default_rng(0))
-        radius = inscribed_radius(self.engine, feet, outward, THICKEST)
+        radius = inscribed_radius(self.engine, feet, outward, largest=THICKEST)
         counts = self._count(radius, feet, outward)
         keys = self._keys(radius, feet - SURFACE_DISTANCE * 10 * outward, feet)[counts]
         keys = keys[np.lexsort(keys.T[::-1])]
@@ -86,7 +86,7 @@ class ControlGap(Field):
         feet = points[inside] - distance[inside, None] * normal[inside]
         # cap the search: a place with a larger radius than the gap's last place is outside the gap
         most = min((self._last[0] + 1) * _SAME_RADIUS, THICKEST)
-        radius = inscribed_radius(self.engine, feet, normal[inside], most)
+        radius = inscribed_radius(self.engine, feet, normal[inside], largest=most)
         small = (radius < most) | (most == THICKEST)
         inside, feet, radius = inside[small], feet[small], radius[small]
         before = _before(self._keys(radius, points[inside], feet), self._last)
@@ -97,7 +97,7 @@ class ControlGap(Field):
 
     def _count(self, radius, feet, outward):
         """Return the mask (n,) of surface points that the filter accepts."""
-        return self._passes(radius, are_walls(self.engine, feet, outward, radius))
+        return self._passes(radius, are_walls(self.engine, feet, outward, radius=radius))
 
     def _keys(self, radius, points, feet):
         """Return sort keys (n, 4) of surface points: radius, face, last two barycentrics."""

@@ -32,7 +32,7 @@ _PIECE = 200_000
 _PERIOD = 1e-3
 
 
-def try_scene(name, files, options, progress, log):
+def try_scene(name, files, options, *, progress, log):
     """Move a probe through a scene, and check every force.
 
     Parameters
@@ -62,12 +62,14 @@ def try_scene(name, files, options, progress, log):
     points = walk(objects, options)
     scene = NativeScene(objects)
     answer = scene.answer(points, timed=True)
-    different = _compare(scene, points, answer.force, progress)
+    different = _compare(scene, points, answer.force, progress=progress)
     touched = answer.force.any(axis=1)
     beside = [opened.get((option.mesh, option.beside)) for option in options.objects]
     described = list(map(_describe, options.objects, objects, beside))
     _check_names(options.objects, described, log)
-    felt, proxies, no_proxies = _touch(objects, described, beside, points, options.radius)
+    felt, proxies, no_proxies = _touch(
+        objects, described, beside, points=points, radius=options.radius
+    )
     record = SceneRecord(
         objects=described,
         ticks=len(points),
@@ -101,7 +103,9 @@ def try_scene(name, files, options, progress, log):
 def _place(option, field):
     """Return a configured object with its field, in metres and newtons."""
     rotation = Rotation.from_rotvec(option.rotation, degrees=True).as_matrix()
-    return Placed.at(field, option.size, option.stiffness, option.position, rotation)
+    return Placed.at(
+        field, option.size, option.stiffness, position=option.position, rotation=rotation
+    )
 
 
 def _describe(option, placed, beside):
@@ -127,7 +131,7 @@ def _check_names(objects, described, log):
         log(f"contact.materials.{name}: no object of the scene is made of it: {there}")
 
 
-def _touch(objects, described, beside, points, radius):
+def _touch(objects, described, beside, *, points, radius):
     """Follow the path with proxies; return arrays, a `TouchedRecord` or None, and why None."""
     for option, placed in zip(described, objects, strict=True):
         if option.contact.kind == "penalty":
@@ -140,7 +144,7 @@ def _touch(objects, described, beside, points, radius):
         [Material(**values) for values in option.materials.values()] for option in described
     ]
     textures = [texture_for(option.textures, option.scale) for option in described]
-    scene = TouchedScene(objects, radius, materials, beside, textures=textures)
+    scene = TouchedScene(objects, radius, materials, regions=beside, textures=textures)
     answer = scene.follow(points, _PERIOD, timed=True)
     every = scene.step_all(points, _PERIOD)
     record = TouchedRecord(
@@ -182,7 +186,7 @@ def walk(objects, options, period=_PERIOD):
     return np.stack([np.interp(at, length, axis) for axis in np.transpose(stations)], axis=1)
 
 
-def _compare(scene, points, force, progress):
+def _compare(scene, points, force, *, progress):
     """Count the points where the scene's force differs from that of querying all objects."""
     piece = max(1, _PIECE // len(scene.objects))
     report, different = progress("compared", len(points), "ticks"), 0

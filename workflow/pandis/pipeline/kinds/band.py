@@ -23,7 +23,7 @@ class Band(NamedTuple):
     outside: float
 
 
-def find_cells(engine, size, band, low, step):
+def find_cells(engine, size, band, *, low, step):
     """Find the cells that may meet the band.
 
     Parameters
@@ -57,7 +57,7 @@ def find_cells(engine, size, band, low, step):
             distance, _ = engine.distance_and_normal(low + step * (piece + side / 2), check=False)
             meets = (distance >= -band.inside - radius) & (distance <= band.outside + radius)
             keep[part : part + _CHUNK] = meets
-            _fill(signs, piece[~meets], side, np.where(distance[~meets] < 0, -1, 1))
+            _fill(signs, piece[~meets], side, values=np.where(distance[~meets] < 0, -1, 1))
         blocks = blocks[keep]
         if side > 1:
             finer = np.arange(0, side, _SIDES[level + 1])
@@ -67,7 +67,7 @@ def find_cells(engine, size, band, low, step):
     return blocks, signs
 
 
-def _fill(signs, blocks, side, values):
+def _fill(signs, blocks, side, *, values):
     """Write each block's sign into all its cells."""
     if side == 1:
         signs[tuple(blocks.T)] = values
@@ -91,12 +91,12 @@ def needed_nodes(cells, size, reach):
     for axis in range(3):
         grown = mask.copy()
         for shift in range(-reach, 2 + reach):
-            _shifted_or(grown, mask, axis, shift)
+            _shifted_or(grown, mask, axis, shift=shift)
         mask = grown
     return mask
 
 
-def _shifted_or(target, source, axis, shift):
+def _shifted_or(target, source, axis, *, shift):
     size = source.shape[axis]
     to, of = [slice(None)] * 3, [slice(None)] * 3
     to[axis] = slice(max(shift, 0), size + min(shift, 0))

@@ -23,7 +23,7 @@ def check_points(frame, seed=0):
     return frame.to_mesh(unit)
 
 
-def check(answer, reference, frame, rounding=1.0, left_out=None, double=None):
+def check(answer, reference, frame, *, rounding=1.0, left_out=None, double=None):
     """Compare an exported model with its field.
 
     Parameters
@@ -58,21 +58,23 @@ def check(answer, reference, frame, rounding=1.0, left_out=None, double=None):
         points = points[~left_out(points)]
     distance, normal = answer(points)
     expected = reference(frame.to_unit(points))
-    differences = _differences(distance.astype(np.float64) * frame.scale, normal, *expected)
+    distance = distance.astype(np.float64) * frame.scale
+    differences = _differences((distance, normal), expected)
     bounds = {"distance": DISTANCE, "force": FORCE * rounding, "normal": NORMAL, "length": 1e-5}
     if double is not None and any(not differences[key] <= bounds[key] for key in bounds):
-        rounding_off = _differences(*expected[:2], *double(frame.to_unit(points)))
+        rounding_off = _differences(expected[:2], double(frame.to_unit(points)))
         bounds = {key: max(bound, 2 * rounding_off[key]) for key, bound in bounds.items()}
     return _within(differences, bounds)
 
 
-def _differences(distance, normal, wanted_distance, wanted_normal, length):
+def _differences(answer, expected):
     """Return the largest difference of each quantity (unit frame)."""
-    force, expected = penalty_force(distance, normal), penalty_force(wanted_distance, wanted_normal)
-    force_off = np.linalg.norm(force - expected, axis=1)
-    normal_off = np.linalg.norm(normal - wanted_normal, axis=1)
+    (distance, normal), (expected_distance, expected_normal, length) = answer, expected
+    force = penalty_force(distance, normal)
+    force_off = np.linalg.norm(force - penalty_force(expected_distance, expected_normal), axis=1)
+    normal_off = np.linalg.norm(normal - expected_normal, axis=1)
     return {
-        "distance": float(np.abs(distance - wanted_distance).max()),
+        "distance": float(np.abs(distance - expected_distance).max()),
         "force": float((force_off * (length >= FORCE_LENGTH)).max()),
         "normal": float((normal_off * np.minimum(length, 1) * (length >= NORMAL_LENGTH)).max()),
         "length": float(np.abs(np.linalg.norm(normal, axis=1) - 1).max()),

@@ -65,13 +65,13 @@ def clearance(answer, engine, seed=0):
         return np.column_stack([np.where(free & (distance < 0), exact, 0.0), *off, near])
 
     excess = measure(every, (exact, distance, flag))
-    ghost, *over, near = (_worst(measure, every, column, index, rng)
+    ghost, *over, near = (_worst(measure, every, column, index=index, rng=rng)
                           for index, column in enumerate(excess.T))  # fmt: skip
     margins = (MORE * (ghost + most) + ROUNDING for most in over)
     return np.array([*engine.bounds.ravel(), *margins, LESS * (_FARTHEST - near)])
 
 
-def _worst(measure, points, excess, index, rng):
+def _worst(measure, points, excess, *, index, rng):
     """Return the largest excess of one margin, at the points or near the worst of them."""
     first = np.argsort(-excess, kind="stable")[:_STARTS]
     if not excess[first[0]] > 0:

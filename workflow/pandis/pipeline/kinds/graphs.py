@@ -71,7 +71,7 @@ def unsealed_digest(model):
     return hashlib.sha256(bare.SerializeToString(deterministic=True)).hexdigest()
 
 
-def enter(graph, frame, low=(-1.0,) * 3, high=(1.0,) * 3):
+def enter(graph, frame, low=(-1.0,) * 3, *, high=(1.0,) * 3):
     """Map points to the unit frame and clamp them; return them and the distances moved."""
     centre = graph.constant("centre", np.array(frame.centre, np.float64))
     scale = graph.scalar(frame.scale, np.float64)
@@ -83,7 +83,7 @@ def enter(graph, frame, low=(-1.0,) * 3, high=(1.0,) * 3):
     return clamped, graph.apply("Cast", outside, to=TensorProto.FLOAT)
 
 
-def leave(graph, frame, distance, vector):
+def leave(graph, frame, distance, *, vector):
     """Add the outputs: distance in mesh units, vector at unit length (+z if it is zero)."""
     inverse = graph.scalar(1.0 / frame.scale)
     graph.apply("Mul", distance, inverse, name="distance")
@@ -94,7 +94,7 @@ def leave(graph, frame, distance, vector):
     graph.apply("Where", zero, up, graph.apply("Div", vector, safe), name="normal")
 
 
-def split(graph, value, sizes, prefix="part"):
+def split(graph, value, sizes, *, prefix="part"):
     """Split (n, k) or (n, k, m) along its second axis; return the names of the parts."""
     names = [f"{prefix}{index}" for index in range(len(sizes))]
     split = graph.constant(f"{prefix}_sizes", np.array(sizes, np.int64))

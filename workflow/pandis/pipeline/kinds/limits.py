@@ -23,7 +23,7 @@ _SHARES = 1e-5, 0.1
 _CROWD, _TRIES = 32, 64
 
 
-def near_surface(vertices, faces, count, rng):
+def near_surface(vertices, faces, count, *, rng):
     """Draw points (count, 3) next to a surface, in all directions from it.
 
     Parameters
@@ -68,7 +68,7 @@ def _moved(points, length, rng):
     return points + away * (length / np.linalg.norm(away, axis=1))[:, None]
 
 
-def least_limit(first, vertices, faces, query):
+def least_limit(first, vertices, faces, *, query):
     """Return twice a limit at which no tried query on or next to a surface is cut.
 
     The factor is for points that are not tried: they can need a higher limit.
@@ -88,7 +88,7 @@ def least_limit(first, vertices, faces, query):
     int
     """
     rng = np.random.default_rng(0)
-    near = near_surface(vertices, faces, _POINTS, rng)
+    near = near_surface(vertices, faces, _POINTS, rng=rng)
     points = np.concatenate([at_corners(vertices, faces, rng), near])
     enough = first // 2
     while True:

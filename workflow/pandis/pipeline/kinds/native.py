@@ -4,7 +4,6 @@ docs/format.md describes the format. Each kind's ``file`` module defines the fil
 """
 
 from abc import ABC, abstractmethod
-from functools import partial
 
 import numpy as np
 
@@ -41,7 +40,7 @@ class FieldFile(ABC):
 
     @abstractmethod
     def parts(self):
-        """Return the kind's number in C, integers, real numbers, and sections by name."""
+        """Return the `pandis.runtime.field.files.Parts` of the file."""
 
     def faces(self, body, original_faces):
         """Return sections with each face's original face and its material."""
@@ -53,9 +52,8 @@ class FieldFile(ABC):
 
     def data(self, provenance, **sections):
         """Return the file's bytes, with additional sections."""
-        number, wholes, reals, contents = self.parts()
-        contents = contents | sections
-        return pack(number, self.field.frame, wholes, reals, contents, provenance, self.version)
+        parts = self.parts().add(sections)
+        return pack(self.field.frame, parts, provenance, version=self.version)
 
     def differences(self, exported, left_out=None):
         """Compare the file with its field; return the largest differences, by quantity.
@@ -109,7 +107,7 @@ def field_file(field, weight_bits=32):
     return module.File(field, weight_bits)
 
 
-def native_bytes(field, provenance, weight_bits=32, safe=None):
+def native_bytes(field, provenance, weight_bits=32, *, safe=None):
     """Return the bytes of a field's ``.pandis`` file, without comparing it with the field.
 
     Parameters
@@ -131,7 +129,7 @@ def native_bytes(field, provenance, weight_bits=32, safe=None):
     return field_file(field, weight_bits).data(provenance, **sections)
 
 
-def export_native(field, body, options, provenance, log):
+def export_native(field, body, options, *, provenance, log):
     """Return the bytes of a field's ``.pandis`` file, after comparing it with the field.
 
     Parameters
@@ -149,16 +147,16 @@ def export_native(field, body, options, provenance, log):
         The answers of ``pandis.h`` differ from the field's.
     """
     file = field_file(field, options.weight_bits)
-    number, wholes, reals, sections = file.parts()
-    sections = sections | file.faces(body, options.original_faces)
-    write = partial(pack, number, field.frame, wholes, reals)
+    parts = file.parts().add(file.faces(body, options.original_faces))
     # the checked file is freed before the next one is made: each can be a gigabyte
-    safe = _checked(file, write(sections, provenance, file.version), body, log)
-    sections |= {"SAFE": np.asarray(safe, np.float64)}
-    return write(sections, provenance, file.version)
+    data = pack(field.frame, parts, provenance, version=file.version)
+    safe = _checked(file, data, body, log=log)
+    parts = parts.add({"SAFE": np.asarray(safe, np.float64)})
+    del data
+    return pack(field.frame, parts, provenance, version=file.version)
 
 
-def _checked(file, data, body, log):
+def _checked(file, data, body, *, log):
     """Compare a file with its field, and return its clearance for scenes."""
     exported = ExportedField(file.field.name, data)
     for note in file.notes(exported.file):

@@ -79,13 +79,13 @@ class Maker(ABC):
     def finer(self, size, other):
         """Return the factor by which the other size's spacing is finer."""
 
-    def hopeless(self, size, figures, limits, other):
+    def hopeless(self, size, figures, limits, *, other):
         """Return whether the figures of one size show that another cannot meet the limits."""
         return figures["mean"] > limits.mean * self.finer(size, other) ** _FASTEST
 
     def never_meets(self, tried, limits, size):
         """Return whether the (size, `Measured`) tried show that a size cannot meet the limits."""
-        return any(self.hopeless(s, m.figures, limits, size) for s, m in tried)
+        return any(self.hopeless(s, m.figures, limits, other=size) for s, m in tried)
 
 
 def points_of(body, task):
@@ -93,7 +93,7 @@ def points_of(body, task):
     return Points(body, Scale.of(task.device), task.seed)
 
 
-def search(maker, points, task, log):
+def search(maker, points, task, *, log):
     """Find the size of one field, for `…-auto`.
 
     Parameters
@@ -115,7 +115,7 @@ def search(maker, points, task, log):
     """
     target, what = task.target, f"{maker.form}-auto (bake.auto.{maker.form})"
     if target.bytes is None:
-        candidate, tried = _smallest(maker, points, target, what, log)
+        candidate, tried = _smallest(maker, points, target, what=what, log=log)
     else:
         size = maker.largest(target.bytes)
         candidate = None if size is None else maker.make(size)
@@ -137,7 +137,7 @@ def sizing_of(target, tried):
     }
 
 
-def _smallest(maker, points, target, what, log):
+def _smallest(maker, points, target, *, what, log):
     """Return the first candidate that meets the limits, and (size, `Measured`) of all tried."""
     limits, tried = points.limits(target), []
     for size in maker.sizes:

@@ -14,7 +14,7 @@ BASIS = np.array([[1, 4, 1, 0], [-3, 0, 3, 0], [3, -6, 3, 0], [-1, 3, -3, 1]]) /
 SLOPE = np.vstack([BASIS[1:] * [[1], [2], [3]], np.zeros(4)])
 
 
-def tricubic(graph, lattice, coefficients, clamped):
+def tricubic(graph, lattice, coefficients, *, clamped):
     """Add a tricubic B-spline to a graph.
 
     Parameters

@@ -34,14 +34,18 @@ def build(options, source_file, log):
         return _closed_form(source, log)
     path = find_file(str(source_file or source))
     reading, record = read_mesh(
-        source, path, options.sha256, options.reader_seconds, options.reader_memory_gb
+        source,
+        path,
+        options.sha256,
+        seconds=options.reader_seconds,
+        memory_gb=options.reader_memory_gb,
     )
     vertices, faces = reading.vertices, reading.faces
     log(f"read {source}")
     for note in reading.notes:
         log(f"{source}: {note}")
     beside = read_beside(path, record["format"], len(faces)) or named_in(reading, log)
-    arrays, history = repair(vertices, faces, options, options.seed, log)
+    arrays, history = repair(vertices, faces, options, seed=options.seed, log=log)
     used = arrays["vertices"][np.unique(arrays["faces"])]
     frame = Frame.of_bounds(used.min(axis=0), used.max(axis=0))
     unit = options.unit if options.unit != "unknown" else reading.unit
@@ -52,7 +56,7 @@ def build(options, source_file, log):
     }
     repaired, regions = (arrays["vertices"], arrays["faces"]), None
     if beside:
-        regions = regions_after((vertices, faces), *beside, *repaired, log)
+        regions = regions_after((vertices, faces), beside, repaired, log=log)
     if regions:
         arrays["region"], attributes["regions"] = regions
     return arrays, attributes

@@ -157,11 +157,11 @@ def orient(vertices, faces, nested="cavity"):
     if edges.conflicts.any() or (edges.nonmanifold.any() and not edges.balanced):
         faces = np.ascontiguousarray(igl.bfs_orient(faces)[0], np.int64)
     component, count = components(faces)
-    volumes = signed_volumes(vertices, faces, component, count)
+    volumes = signed_volumes(vertices, faces, component, count=count)
     depth = np.zeros(count, np.int64)
     if nested == "cavity":
         crossings = crossing_faces(vertices, faces) if count > 1 else np.empty((0, 2), np.int64)
-        depth = nesting_depth(vertices, faces, component, count, crossings)
+        depth = nesting_depth(vertices, faces, component, count=count, crossings=crossings)
     turn = must_turn(volumes, depth)[component]
     faces = faces.copy()
     faces[turn] = faces[turn][:, ::-1]
@@ -194,7 +194,7 @@ def split(vertices, faces, straight=False):
         vertices, faces = _halve_nonmanifold_edges(vertices, faces)
         apart, torn_faces, torn = _separate(vertices, faces)
     if len(torn):
-        apart = _part(apart, torn_faces, torn, straight)
+        apart = _part(apart, torn_faces, torn, straight=straight)
     return compact(apart, torn_faces)
 
 
@@ -275,7 +275,7 @@ def _wedges(vertices, faces, edges):
     return np.asarray(pairs, np.int64).reshape(-1, 2)
 
 
-def _part(vertices, faces, moving, straight):
+def _part(vertices, faces, moving, *, straight):
     """Move each copy of a vertex by `PARTING` into the solid that its faces bound.
 
     Copies move against their mean normals. If surfaces then cross and ``straight`` is set, all
@@ -295,14 +295,14 @@ def _part(vertices, faces, moving, straight):
     if not len(pairs):
         return vertices + way
     if straight:
-        return vertices + size * _ways_in(vertices, faces, normal, moving)
+        return vertices + size * _ways_in(vertices, faces, normal, moving=moving)
     way[np.intersect1d(faces[pairs.reshape(-1)], moving)] *= -1
     outward = vertices + way
     way[moving] = -size * sums[moving] / np.maximum(length, 1e-300)
     return outward if len(crossing_faces(outward, faces)) < len(pairs) else vertices + way
 
 
-def _ways_in(vertices, faces, normal, moving):
+def _ways_in(vertices, faces, normal, *, moving):
     """Return unit vectors (V, 3) that point from copies of vertices into their solids, 0 elsewhere.
 
     They point inward from all faces, so that moved surfaces meet no others. A saddle has no such
@@ -339,7 +339,7 @@ def _inward(normals, rounds=60):
     return best
 
 
-def loosen(vertices, faces, crossings=crossing_faces, tries=40):
+def loosen(vertices, faces, crossings=crossing_faces, *, tries=40):
     """Perturb the corners of the few faces that still cross or touch.
 
     After the coordinates of an exact union are rounded to float64, a few faces may touch
@@ -361,7 +361,9 @@ def loosen(vertices, faces, crossings=crossing_faces, tries=40):
     pairs = crossings(vertices, faces)
     if not 0 < len(pairs) <= 1000:
         return vertices, faces
-    around = faces[_near(vertices, faces, np.unique(faces[pairs.reshape(-1)]), 1e-5 * diagonal)]
+    around = faces[
+        _near(vertices, faces, np.unique(faces[pairs.reshape(-1)]), margin=1e-5 * diagonal)
+    ]
     pairs = crossings(vertices, around)
     for amount in np.geomspace(1e-9, 1e-6, tries) * diagonal:
         if not len(pairs):
@@ -375,7 +377,7 @@ def loosen(vertices, faces, crossings=crossing_faces, tries=40):
     return vertices, faces
 
 
-def _near(vertices, faces, moving, margin):
+def _near(vertices, faces, moving, *, margin):
     """Return the faces whose boxes overlap those of the faces at ``moving`` vertices."""
     corners = vertices[faces]
     low, high = corners.min(axis=1) - margin, corners.max(axis=1)

@@ -78,7 +78,7 @@ class Surface:
         return points, normal[face] / np.maximum(area[face], 1e-300)[:, None]
 
 
-def deviation(source, result, seed, reference=None, wall=0.0, samples=SAMPLES):
+def deviation(source, result, seed, *, reference=None, wall=0.0, samples=SAMPLES):
     """Measure how far two meshes are apart, in both directions.
 
     Parameters
@@ -191,7 +191,7 @@ def _common(source, result):
     return np.isin(mine, theirs), np.isin(theirs, mine), untouched
 
 
-def inside_changed(reference, result, seed, count=20_000):
+def inside_changed(reference, result, seed, *, count=20_000):
     """Return the share of the inside that a repair has added or removed.
 
     A point counts only if its winding number in the reference clearly means inside or outside.

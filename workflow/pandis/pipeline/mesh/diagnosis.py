@@ -132,9 +132,13 @@ def diagnose(vertices: Vertices, faces: Faces):
     altitude, area = altitudes(vertices[faces])
     unit = _unit_box(vertices, used)
     crossings = crossing_faces(vertices, faces)  # of the original mesh: scaling would round
-    volumes = signed_volumes(vertices, faces, component, count)
+    volumes = signed_volumes(vertices, faces, component, count=count)
     solid = edges.closed and not edges.conflicts.any()
-    depth = nesting_depth(unit, faces, component, count, crossings) if edges.closed else None
+    depth = (
+        nesting_depth(unit, faces, component, count=count, crossings=crossings)
+        if edges.closed
+        else None
+    )
     euler = len(used) - edges.count + len(faces)
     torn = len(nonmanifold_vertices(faces, edges))
     figures = {
@@ -159,7 +163,7 @@ def diagnose(vertices: Vertices, faces: Faces):
         "volume": float(volumes.sum()),
         "area": float(area.sum()),
         "diagonal": float(np.linalg.norm(np.ptp(vertices[used], axis=0))),
-        "parts": _parts(component, count, volumes, depth),
+        "parts": _parts(component, count, volumes, depth=depth),
         "cavities": int((depth % 2).sum()) if solid else None,
         "genus": int(count - euler / 2) if solid and not torn else None,
     }
@@ -167,7 +171,7 @@ def diagnose(vertices: Vertices, faces: Faces):
     if not diagnosis.valid:
         return diagnosis
     scale = np.ptp(vertices[used], axis=0).max()
-    return Diagnosis(**figures, wall=_wall_thickness(unit, faces, area, scale))
+    return Diagnosis(**figures, wall=_wall_thickness(unit, faces, area, scale=scale))
 
 
 def crossing_faces(vertices: Vertices, faces: Faces):
@@ -218,7 +222,7 @@ def _odd_windings(unit, faces):
     return int((np.abs(turns - 0.5) > 0.75).sum())
 
 
-def _parts(component, count, volumes, depth):
+def _parts(component, count, volumes, *, depth):
     sizes = np.bincount(component, minlength=count)
     largest = np.argsort(-sizes, kind="stable")[:LISTED_COMPONENTS]
     return [
@@ -231,7 +235,7 @@ def _parts(component, count, volumes, depth):
     ]
 
 
-def _wall_thickness(unit, faces, area, scale):
+def _wall_thickness(unit, faces, area, *, scale):
     """Return minimum and first percentile of the wall thickness, measured along −normal."""
     rng = np.random.default_rng(0)
     start = np.minimum(

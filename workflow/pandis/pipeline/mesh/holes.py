@@ -41,7 +41,7 @@ def fill_holes(vertices, faces):
         for k, rim in enumerate(rims):
             if (k, choice[k]) not in caps:
                 weight = _WEIGHTS[choice[k]]
-                caps[k, choice[k]] = triangulate(vertices, faces, rim, known, weight)
+                caps[k, choice[k]] = triangulate(vertices, faces, rim, known=known, weight=weight)
         parts = [caps[k, choice[k]] for k in range(len(rims))]
         filled = np.concatenate([faces, *parts])
         owner = np.repeat(np.arange(len(rims)), [len(p) for p in parts])
@@ -79,7 +79,7 @@ def _rims(faces, edges):
     return rims
 
 
-def triangulate(vertices, faces, rim, known, weight):
+def triangulate(vertices, faces, rim, *, known, weight):
     """Triangulate one rim.
 
     Parameters
@@ -105,14 +105,14 @@ def triangulate(vertices, faces, rim, known, weight):
     def forbidden(i, k):
         return tuple(sorted((int(corner[i]), int(corner[k])))) in known
 
-    chosen = least_cost_triangles(vertices[corner], weight, rim_normal, forbidden)
+    chosen = least_cost_triangles(vertices[corner], weight, rim_normal, forbidden=forbidden)
     if not len(chosen):
         # every triangulation reuses an edge: return a fan, whose faults the diagnosis reports
         return np.stack([np.full(n - 2, corner[0]), corner[1:-1], corner[2:]], axis=1)
     return corner[chosen]
 
 
-def least_cost_triangles(points, weight="area", rim_normal=None, forbidden=None):
+def least_cost_triangles(points, weight="area", rim_normal=None, *, forbidden=None):
     """Find the least-cost triangulation of a closed polygon in space.
 
     Parameters

@@ -32,7 +32,7 @@ def find_file(source):
     return path
 
 
-def read_mesh(source, path, sha256=None, seconds=120.0, memory_gb=3.0):
+def read_mesh(source, path, sha256=None, *, seconds=120.0, memory_gb=3.0):
     """Read a mesh file.
 
     Parameters

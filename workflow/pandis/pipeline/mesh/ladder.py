@@ -193,7 +193,7 @@ class Ladder:
             return "not valid"
         return self.within_budget(vertices, faces, diagnosis)
 
-    def within_budget(self, vertices, faces, diagnosis, allowance=0.0):
+    def within_budget(self, vertices, faces, diagnosis, *, allowance=0.0):
         """Measure the deviation; return None if it is within the budget, else a reason."""
         del diagnosis
         result, seed = Surface(vertices, faces), self.seed
@@ -201,7 +201,7 @@ class Ladder:
         if changed > INSIDE_CHANGED:
             return f"{100 * changed:.3g} % of the inside would be added or lost"
         wall = 1.01 * allowance * self.source.diagonal
-        moved = deviation(self.source, result, seed, self.reference, wall)
+        moved = deviation(self.source, result, seed, reference=self.reference, wall=wall)
         for way in ("to_result", "to_source"):
             for key in ("p99", "max"):
                 share = moved[way][key] / self.source.diagonal - allowance

@@ -4,14 +4,14 @@ import igl
 import numpy as np
 
 
-def signed_volumes(vertices, faces, component, count):
+def signed_volumes(vertices, faces, component, *, count):
     """Return the signed volume of each component (meaningful only if it is closed)."""
     corners = (vertices - vertices[faces[0, 0]])[faces]
     volume = np.einsum("ij,ij->i", corners[:, 0], np.cross(corners[:, 1], corners[:, 2])) / 6
     return np.bincount(component, volume, count)
 
 
-def nesting_depth(vertices, faces, component, count, crossings):
+def nesting_depth(vertices, faces, component, *, count, crossings):
     """Return, for each component, the number of other components that wholly enclose it.
 
     Parameters

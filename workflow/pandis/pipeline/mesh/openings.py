@@ -15,7 +15,7 @@ DEBRIS = 0.01
 THICKEN = "To turn it into a wall of mesh.thickness, set `mesh: {open: thicken}` for this mesh"
 
 
-def large_holes(vertices, faces, small_hole, max_edges):
+def large_holes(vertices, faces, small_hole, *, max_edges):
     """Return every hole that is not small, the largest relative rim first.
 
     A hole is small if its rim is no longer than ``small_hole`` times its component's
@@ -39,7 +39,7 @@ def large_holes(vertices, faces, small_hole, max_edges):
     return sorted(large, key=lambda hole: -hole["rim"])
 
 
-def loose_pieces(vertices, faces, small_hole, max_edges):
+def loose_pieces(vertices, faces, small_hole, *, max_edges):
     """Find the faces of open pieces with a large hole that can be left out.
 
     Parameters
@@ -59,7 +59,9 @@ def loose_pieces(vertices, faces, small_hole, max_edges):
     open_ = np.zeros(count, bool)
     open_[label[np.flatnonzero(edges.boundary[edges.edge_of]) // 3]] = True
     for part in np.flatnonzero(open_):
-        open_[part] = bool(large_holes(vertices, faces[label == part], small_hole, max_edges))
+        open_[part] = bool(
+            large_holes(vertices, faces[label == part], small_hole, max_edges=max_edges)
+        )
     corners = vertices[faces]
     area = np.linalg.norm(
         np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1

@@ -97,18 +97,17 @@ def read_beside(path, form, count):
     return region, [str(name) for name in names]
 
 
-def regions_after(mesh, region, names, vertices, faces, log):
+def regions_after(mesh, regions, repaired, *, log):
     """Return the regions of a repaired mesh, from those of the mesh as read.
 
     Parameters
     ----------
     mesh : tuple of ndarray
         Vertices and faces as read.
-    region : ndarray, shape (F,)
-        Region of each face as read: an index into the names.
-    names : list of str
-    vertices, faces : ndarray
-        The repaired mesh.
+    regions : tuple (region, names)
+        Region of each face as read, an index into the names, and the names: see `named_in`.
+    repaired : tuple of ndarray
+        Vertices and faces of the repaired mesh.
     log : pandis.base.progress.Log
 
     Returns
@@ -116,7 +115,8 @@ def regions_after(mesh, region, names, vertices, faces, log):
     region, names
         As in `named_in`; None if only one region is left.
     """
-    carried = carry(*mesh, region, vertices, faces)
+    region, names = regions
+    carried = carry(mesh, region, repaired)
     used, carried = np.unique(carried, return_inverse=True)
     if len(used) < 2:
         return None
@@ -127,7 +127,7 @@ def regions_after(mesh, region, names, vertices, faces, log):
     return carried.reshape(-1).astype(np.uint8), names
 
 
-def carry(vertices, faces, region, onto, onto_faces):
+def carry(mesh, region, onto):
     """Return the region (F',) of each face of a mesh, from the nearest faces of another.
 
     Each face looks up the region at its centre and next to its corners. The majority decides, and
@@ -135,18 +135,19 @@ def carry(vertices, faces, region, onto, onto_faces):
 
     Parameters
     ----------
-    vertices, faces, region
-        The mesh whose regions are known.
-    onto, onto_faces : ndarray
+    mesh : tuple of ndarray
+        Vertices and faces of the mesh whose regions are known.
+    region : ndarray, shape (F,)
+    onto : tuple of ndarray
         Vertices and faces of the mesh whose regions are returned.
     """
-    vertices, faces = np.ascontiguousarray(vertices, np.float64), np.ascontiguousarray(faces)
+    vertices, faces = np.ascontiguousarray(mesh[0], np.float64), np.ascontiguousarray(mesh[1])
+    corners = onto[0][onto[1]]
     tree = igl.AABB()
     tree.init(vertices, faces.astype(np.int64))
-    points = np.einsum("ak,fkj->afj", _PLACES, onto[onto_faces]).reshape(-1, 3)
+    points = np.einsum("ak,fkj->afj", _PLACES, corners).reshape(-1, 3)
     _, nearest, _ = tree.squared_distance(vertices, faces.astype(np.int64), points)
     candidates = region[nearest].reshape(len(_PLACES), -1)
-    votes = (candidates[:, None] == candidates).sum(
-        axis=1
-    )  # argmax returns the first of equal counts: the centre's region
+    # argmax returns the first of equal counts: the centre's region
+    votes = (candidates[:, None] == candidates).sum(axis=1)
     return np.take_along_axis(candidates, votes.argmax(axis=0)[None], axis=0)[0].astype(np.uint8)

@@ -37,7 +37,7 @@ SHEETS = 0.2
 WRAP_ALPHA, WRAP_OFFSET = 0.005, 0.0002
 
 
-def repair(vertices: Vertices, faces: Faces, options, seed, log=print):
+def repair(vertices: Vertices, faces: Faces, options, *, seed, log=print):
     """Repair a mesh with as few rungs of the ladder as needed.
 
     A mesh that is valid as read is returned bitwise unchanged, but without its unreferenced
@@ -107,7 +107,7 @@ def _climb(ladder):
     if ladder.now.boundary_edges and ladder.options.open != "thicken":
         _part_with_loose(ladder)
     if ladder.now.boundary_edges and ladder.options.open != "cap":
-        holes = large_holes(ladder.vertices, ladder.faces, share, edges)
+        holes = large_holes(ladder.vertices, ladder.faces, share, max_edges=edges)
         if holes and ladder.options.open == "thicken":
             _thicken(ladder)
             return
@@ -172,7 +172,7 @@ def _part_with_loose(ladder):
         There are loose pieces, and `mesh.open` is ``refuse``.
     """
     share, edges = ladder.options.small_hole, ladder.options.max_hole_edges
-    debris, inside = loose_pieces(ladder.vertices, ladder.faces, share, edges)
+    debris, inside = loose_pieces(ladder.vertices, ladder.faces, share, max_edges=edges)
     loose, notes = debris | inside, []
     for which, called in ((debris, "loose pieces that enclose nothing"),
                           (inside, "open pieces inside closed parts")):  # fmt: skip
@@ -198,7 +198,9 @@ def _orient(ladder):
     if not accepted or len(before) != len(ladder.faces):
         return
     label, count = components(ladder.faces)
-    was, now = (signed_volumes(ladder.vertices, f, label, count) for f in (before, ladder.faces))
+    was, now = (
+        signed_volumes(ladder.vertices, f, label, count=count) for f in (before, ladder.faces)
+    )
     hollow = (was > 0) & (now < 0) & EdgeTable(ladder.faces).closed
     if hollow.any():
         ladder.log(

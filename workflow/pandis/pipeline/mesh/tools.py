@@ -61,7 +61,9 @@ def call(operation, vertices=None, faces=None, *, seconds, memory_gb, **paramete
     ToolError
         The operation crashed or raised an exception.
     """
-    return _run(operation, (vertices, faces), seconds, memory_gb, parameters)[:2]
+    return _run(operation, (vertices, faces), seconds, memory_gb=memory_gb, parameters=parameters)[
+        :2
+    ]
 
 
 def read(path, form, folder, *, seconds, memory_gb):
@@ -87,7 +89,7 @@ def read(path, form, folder, *, seconds, memory_gb):
     """
     parameters = {"path": str(path), "form": form, "folder": str(folder)}
     try:
-        return _run("read_file", (None, None), seconds, memory_gb, parameters)
+        return _run("read_file", (None, None), seconds, memory_gb=memory_gb, parameters=parameters)
     except ToolError as error:
         prefix, _, message = str(error).partition(": ")
         if prefix == FormatError.__name__:
@@ -95,7 +97,7 @@ def read(path, form, folder, *, seconds, memory_gb):
         raise
 
 
-def _run(operation, mesh, seconds, memory_gb, parameters):
+def _run(operation, mesh, seconds, *, memory_gb, parameters):
     vertices, faces = mesh
     limit = int(memory_gb * 2**30)
 
@@ -275,7 +277,7 @@ def remesh(vertices, faces, level):
     return winding_remesh(vertices, faces, level)
 
 
-def wrap(vertices, faces, alpha, offset):
+def wrap(vertices, faces, alpha, *, offset):
     """Wrap with CGAL's alpha wrap through PyMeshLab; lengths are shares of the diagonal."""
     import pymeshlab
 

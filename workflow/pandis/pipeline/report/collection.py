@@ -39,7 +39,7 @@ _WAYS = "to_result", "to_source"
 _SMALL = 72
 
 
-def collect(meshes, threads, progress, note):
+def collect(meshes, threads, progress, *, note):
     """Return the rows of all meshes in order, reading as many at a time as there are threads.
 
     Parameters

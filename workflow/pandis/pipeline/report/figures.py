@@ -31,12 +31,12 @@ def colour(spec, networks):
 def picture(vertices, faces, path):
     """Draw a mesh and the trajectory on it (unit frame)."""
     figure = Figure(figsize=(5, 5), layout="constrained")
-    _show(figure.add_subplot(), vertices, faces, VIEW, points=path)
+    _show(figure.add_subplot(), vertices, faces, view=VIEW, points=path)
     figure.axes[0].set_title("")
     return save(figure)
 
 
-def heat_map(vertices, faces, origin, deviation, diagonal):
+def heat_map(vertices, faces, origin, *, moved):
     """Draw a repaired mesh from two sides: the parts kept, moved (and how far), and added.
 
     Parameters
@@ -45,12 +45,10 @@ def heat_map(vertices, faces, origin, deviation, diagonal):
         Unit frame.
     origin : ndarray, shape (F,)
         See `pandis.pipeline.mesh.deviation.ORIGINS`.
-    deviation : ndarray, shape (F,)
-        Distance of each face from the source, mesh units.
-    diagonal : float
-        Diagonal of the mesh, mesh units.
+    moved : ndarray, shape (F,)
+        Distance of each face from the source, as a share of the mesh's diagonal.
     """
-    percent = 100 * deviation / diagonal
+    percent = 100 * moved
     moved = percent[origin == 1]
     norm = mpl.colors.Normalize(0, max(moved.max(initial=0.0), 0.01))
     colours = np.full((len(faces), 3), _UNCHANGED, float)
@@ -58,7 +56,7 @@ def heat_map(vertices, faces, origin, deviation, diagonal):
     colours[origin == 2] = _CAP
     figure = Figure(figsize=(11, 5), layout="constrained")
     for index, view in enumerate((VIEW, [-v for v in VIEW])):
-        _show(figure.add_subplot(1, 2, index + 1), vertices, faces, view, colours)
+        _show(figure.add_subplot(1, 2, index + 1), vertices, faces, view=view, colours=colours)
     for colour, name in ((_UNCHANGED, "kept"), (_CAP, "cap of a hole")):
         figure.axes[0].plot([], [], "s", color=np.array(colour) / 255, label=name)
     figure.legend(frameon=False, loc="outside lower center", ncols=2)
@@ -67,7 +65,7 @@ def heat_map(vertices, faces, origin, deviation, diagonal):
     return save(figure)
 
 
-def holding(vertices, faces, pushed, holding_newtons):
+def holding(vertices, faces, pushed, *, holding_newtons):
     """Draw the largest force of a mesh's walls against a push, from two sides.
 
     Parameters
@@ -87,13 +85,13 @@ def holding(vertices, faces, pushed, holding_newtons):
     colours = 255 * mpl.colormaps["viridis"](norm(newtons))[:, :3]
     figure = Figure(figsize=(11, 4.6), layout="constrained")
     for index, view in enumerate((VIEW, [-v for v in VIEW])):
-        _show(figure.add_subplot(1, 2, index + 1), vertices, faces, view, colours)
+        _show(figure.add_subplot(1, 2, index + 1), vertices, faces, view=view, colours=colours)
     bar = figure.colorbar(mpl.cm.ScalarMappable(norm, "viridis"), ax=figure.axes, shrink=0.7)
     bar.set_label("largest force against a push (N)")
     return save(figure, dict(zip("xyz", pushed.T, strict=True)) | {"newtons": holding_newtons})
 
 
-def _show(axes, vertices, faces, view, colours=None, points=None):
+def _show(axes, vertices, faces, *, view, colours=None, points=None):
     """Draw a mesh without the empty margin."""
     image = render(vertices, faces, size=480, view=view, colours=colours, points=points)
     rows, columns = (np.flatnonzero(image[..., 3].any(axis=k)) for k in (1, 0))
@@ -177,7 +175,7 @@ def samples(artifact, limit=4000):
     return save(figure, numbers)
 
 
-def force_along_path(forces, exact, specs, networks, window=300):
+def force_along_path(forces, exact, specs, *, networks, window=300):
     """Draw the force over part of the path in spherical coordinates: the paper's Fig. 4."""
     part = slice(0, min(window, len(exact)))
     figure = Figure(figsize=(9.5, 6.4))
@@ -264,7 +262,7 @@ def training_curves(models):
     return save(figure, numbers)
 
 
-def compute_histogram(compute, specs, networks, deadline):
+def compute_histogram(compute, specs, networks, *, deadline):
     """Draw the distribution of the time per tick of each exported field."""
     figure = Figure(figsize=(6.4, 3.6))
     axes = figure.add_subplot()

@@ -37,7 +37,7 @@ from pandis.pipeline.run.records.stress import StressRecord
 from pandis.pipeline.run.records.timing import TimingRecord
 
 
-def mesh_sections(meshes, threads, progress, note):
+def mesh_sections(meshes, threads, progress, *, note):
     """Prepare all meshes, as many at a time as there are threads, each in a separate process.
 
     A process reads the mesh that it draws and then frees it, so only the meshes being drawn are in
@@ -75,10 +75,10 @@ def _read_and_draw(work):
     artifacts = [read_artifact(path) for path in stored]
     digests = {str(artifact.path): artifact.digest for artifact in artifacts}
     digests |= {str(path): file_digest(path) for path in files}
-    return mesh_section(name, artifacts, field_names, files), digests
+    return mesh_section(name, artifacts, field_names, files=files), digests
 
 
-def mesh_section(name, artifacts, field_names, files=()):
+def mesh_section(name, artifacts, field_names, *, files=()):
     """Prepare one mesh for the template.
 
     Parameters
@@ -111,7 +111,7 @@ def mesh_section(name, artifacts, field_names, files=()):
         HardwareRecord.of(artifacts["hardware"]),
     ]
     evaluated, timed, stressed, validated = records
-    rows = summary_rows(name, *records, builds)
+    rows = summary_rows(name, records, builds)
     known = [row for row in rows if row["bytes"] != ""]
     shown = [parse_field("exact", ()), *(s for s in specs if s.name in _best(specs, rows))]
     vertices, faces = frame.to_unit(mesh.arrays["vertices"]), mesh.arrays["faces"]
@@ -151,18 +151,23 @@ def mesh_section(name, artifacts, field_names, files=()):
         followed=trajectory.attributes["followed"],
         choice=_chosen(ChoiceRecord.of(artifacts["choice"])) if "choice" in artifacts else None,
         view=view(
-            evaluation.arrays, evaluated.newtons, [s.name for s in specs], _first(rows, networks)
+            evaluation.arrays,
+            evaluated.newtons,
+            [s.name for s in specs],
+            first=_first(rows, networks),
         ),
-        touch=touch(files, stressed.size, stressed.stiffness, f"view:{name}"),
+        touch=touch(files, stressed.size, stressed.stiffness, view=f"view:{name}"),
         picture=figures.picture(vertices, faces, trajectory.arrays["points"]),
         heat=_heat_map(mesh, vertices, repaired),
         holding=figures.holding(vertices, faces, **artifacts["stress"].arrays),
         quiver=figures.quiver([open_field(s, artifacts[s.artifact]) for s in shown]),
-        path=figures.force_along_path(forces, evaluation.arrays["exact_force"], specs, networks),
+        path=figures.force_along_path(
+            forces, evaluation.arrays["exact_force"], specs, networks=networks
+        ),
         front=figures.error_against_time(rows, specs, networks),
         samples=figures.samples(artifacts["samples"]) if "samples" in artifacts else None,
         curves=figures.training_curves(curves) if curves else None,
-        histogram=figures.compute_histogram(compute, specs, networks, validated.deadline)
+        histogram=figures.compute_histogram(compute, specs, networks, deadline=validated.deadline)
         if compute
         else None,
     )
@@ -203,8 +208,8 @@ def _heat_map(mesh, vertices, record):
     """Return a picture of what the repair changed; None if it changed nothing."""
     if not mesh.arrays["origin"].any():
         return None
-    columns = (mesh.arrays[key] for key in ("faces", "origin", "deviation"))
-    return figures.heat_map(vertices, *columns, record.after["diagonal"])
+    moved = mesh.arrays["deviation"] / record.after["diagonal"]
+    return figures.heat_map(vertices, mesh.arrays["faces"], mesh.arrays["origin"], moved=moved)
 
 
 def _best(specs, rows):

@@ -48,8 +48,8 @@ def save(figure, numbers=None, dpi=110):
     figure.draw_without_rendering()
     figure.set_layout_engine("none")  # the layout is fixed, the same for both files
     box = figure.get_tightbbox().padded(mpl.rcParams["savefig.pad_inches"])
-    svg = _written(figure, "svg", dpi, box, Date=None).decode()
-    pdf = _written(figure, "pdf", dpi, box, CreationDate=None)
+    svg = _written(figure, "svg", dpi, box=box, Date=None).decode()
+    pdf = _written(figure, "pdf", dpi, box=box, CreationDate=None)
     return Picture(
         f"data:image/svg+xml,{quote(svg, safe=_SAFE)}",
         f"data:application/pdf;base64,{base64.b64encode(pdf).decode()}",
@@ -57,7 +57,7 @@ def save(figure, numbers=None, dpi=110):
     )
 
 
-def _written(figure, form, dpi, box, **metadata):
+def _written(figure, form, dpi, *, box, **metadata):
     stream = io.BytesIO()
     figure.savefig(stream, format=form, dpi=dpi, metadata=metadata, bbox_inches=box)
     return stream.getvalue()

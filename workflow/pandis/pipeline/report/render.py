@@ -6,11 +6,13 @@ from pandis.pipeline.geometry.sampling import Surface
 
 #: Default direction to the eye: the front (+z), a little toward +x and +y (up).
 VIEW = (0.45, 0.35, 1.0)
+#: Upward direction.
+_UP = (0.0, 1.0, 0.0)
 #: Supersampling: pixels drawn along each side of an output pixel.
 _FINER = 2
 
 
-def render(vertices, faces, size=560, view=VIEW, up=(0.0, 1.0, 0.0), points=None, colours=None):
+def render(vertices, faces, size=560, *, view=VIEW, points=None, colours=None):
     """Draw a shaded mesh.
 
     Parameters
@@ -19,8 +21,8 @@ def render(vertices, faces, size=560, view=VIEW, up=(0.0, 1.0, 0.0), points=None
     faces : ndarray, shape (F, 3)
     size : int
         Pixels per side.
-    view, up : sequence of float
-        Direction from the mesh to the eye, and the upward direction.
+    view : sequence of float
+        Direction from the mesh to the eye; up is +y.
     points : ndarray, shape (n, 3), optional
         A path to draw over the surface, where it is not hidden.
     colours : ndarray, shape (F, 3), optional
@@ -31,7 +33,8 @@ def render(vertices, faces, size=560, view=VIEW, up=(0.0, 1.0, 0.0), points=None
     ndarray, shape (size, size, 4), uint8
         RGBA; transparent where there is no mesh.
     """
-    fine = _draw(vertices, faces, _FINER * size, camera(view, up), points, colours)
+    axes = camera(view, _UP)
+    fine = _draw(vertices, faces, _FINER * size, axes=axes, points=points, colours=colours)
     # a pixel is the mean of finer ones, weighted by coverage, so that edges are smooth
     parts = fine.reshape(size, _FINER, size, _FINER, 4).astype(float)
     cover = parts[..., 3:].sum(axis=(1, 3))
@@ -40,7 +43,7 @@ def render(vertices, faces, size=560, view=VIEW, up=(0.0, 1.0, 0.0), points=None
     return np.rint(image).astype(np.uint8) & 0xFC  # fewer tones, shorter files
 
 
-def _draw(vertices, faces, size, axes, points, colours):
+def _draw(vertices, faces, size, *, axes, points, colours):
     """Draw a mesh without smoothing: see `render`."""
     whole = Surface(vertices, faces)
     # faces that point away are hidden: the solid is closed
@@ -64,7 +67,7 @@ def _draw(vertices, faces, size, axes, points, colours):
     buffer[row, column] = depth[order]
     _close_pinholes(image, buffer)
     if points is not None:
-        _draw_path(image, buffer, points, axes, size)
+        _draw_path(image, buffer, points, axes=axes, size=size)
     return image
 
 
@@ -97,7 +100,7 @@ def project(points, axes, size):
     return row, column, depth
 
 
-def _draw_path(image, buffer, points, axes, size):
+def _draw_path(image, buffer, points, *, axes, size):
     steps, way = np.linspace(0, 1, 8, endpoint=False), np.diff(points, axis=0)
     length = np.linalg.norm(way, axis=1)
     whole = length <= 8 * np.median(length)  # a longer step jumps to where the path starts again

@@ -80,31 +80,32 @@ _IN_C = (
 _RECORDS = EvaluationRecord, TimingRecord, StressRecord, HardwareRecord
 
 
-def summarise(evaluations, timings, stresses, hardware):
+def summarise(columns):
     """Return the rows of all meshes.
 
     Parameters
     ----------
-    evaluations, timings, stresses, hardware : list of pandis.pipeline.run.job.artifact.Artifact
-        One of each per mesh, in the same order. Their folder has the mesh's name.
+    columns : iterable of list of pandis.pipeline.run.job.artifact.Artifact
+        Evaluations, timings, stresses and hardware: one of each per mesh, in the same order. Their
+        folder has the mesh's name.
     """
     rows = []
-    for artifacts in zip(evaluations, timings, stresses, hardware, strict=True):
+    for artifacts in zip(*columns, strict=True):
         (mesh,) = {artifact.path.parent.name for artifact in artifacts}
         records = [kind.of(artifact) for kind, artifact in zip(_RECORDS, artifacts, strict=True)]
         times = artifacts[0].path.parent.parent / "benchmarks"
-        rows += summary_rows(mesh, *records, build_seconds(mesh, records[0].fields, times))
+        rows += summary_rows(mesh, records, build_seconds(mesh, records[0].fields, times))
     return rows
 
 
-def summary_rows(mesh, evaluation, timing, stress, hardware, builds):
+def summary_rows(mesh, records, builds):
     """Return the rows of one mesh.
 
     Parameters
     ----------
     mesh : str
-    evaluation, timing, stress, hardware
-        The records of the four artifacts (`pandis.pipeline.run.records`).
+    records : sequence
+        The mesh's evaluation, timing, stress and hardware (`pandis.pipeline.run.records`).
     builds : dict of str to float
         From `pandis.pipeline.report.builds.build_seconds`.
 
@@ -113,6 +114,7 @@ def summary_rows(mesh, evaluation, timing, stress, hardware, builds):
     list of dict
         Keys of COLUMNS; values that a field lacks are empty.
     """
+    evaluation, timing, stress, hardware = records
     measured = evaluation.errors["trajectory"]
     names = [n for field in evaluation.fields for n in (field, field + UNNORMALISED)]
     rows = []

@@ -22,7 +22,7 @@ def touchable(paths):
     return files_shown
 
 
-def touch(paths, size, stiffness, view):
+def touch(paths, size, stiffness, *, view):
     """Return the HTML for touching one mesh, or None if it cannot be touched.
 
     Parameters
@@ -37,7 +37,7 @@ def touch(paths, size, stiffness, view):
     if not paths or size > LONGEST:
         return None
     fields = [NativeField(path) for path in paths]
-    return touched(fields, size, min(stiffness, STIFFEST), {"view": view})
+    return touched(fields, size, min(stiffness, STIFFEST), more={"view": view})
 
 
 def shared(sections):

@@ -11,7 +11,7 @@ DECADES = 3
 _STEPS, _COLOURS = 32767, 255
 
 
-def view(arrays, newtons, names, first):
+def view(arrays, newtons, names, *, first):
     """Return the text of a JSON object for ``view.js``.
 
     Parameters

@@ -157,7 +157,12 @@ class Feel(NamedTuple):
     def scene(self, placed: Placed) -> "TouchedScene":
         """Return the `TouchedScene` of one object."""
         return TouchedScene(
-            [placed], self.radius, [self.materials], [self.regions], self.queries, [self.texture]
+            [placed],
+            self.radius,
+            [self.materials],
+            regions=[self.regions],
+            budget=self.queries,
+            textures=[self.texture],
         )
 
 
@@ -187,6 +192,7 @@ class NativeContact:
         placed: Placed,
         radius: Number = 0.0,
         material: Materials = None,
+        *,
         regions: NativeField | None = None,
         texture: Texture | None = None,
     ) -> None:
@@ -293,6 +299,7 @@ class TouchedScene(NativeScene):
         objects: Iterable[Placed],
         radius: Number = 0.0,
         materials: Iterable[Materials] | None = None,
+        *,
         regions: Iterable[NativeField | None] | None = None,
         budget: int | None = None,
         textures: Iterable[Texture | None] | None = None,

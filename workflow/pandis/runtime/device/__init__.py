@@ -319,7 +319,7 @@ def run_device(path, name, order):
         return _run(order, function, watchdog)
 
 
-def run_simulated(device, start, rest, press, order, clock=False):
+def run_simulated(device, start, rest, *, press, order, clock=False):
     """Run an order on a simulated device, in simulated time or by a clock.
 
     Parameters

@@ -376,6 +376,7 @@ class NativeField:
         points: ArrayLike,
         queries: int,
         cold: bool = False,
+        *,
         reach: Number | None = None,
         follow: bool = False,
     ) -> Floats:

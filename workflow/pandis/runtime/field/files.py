@@ -3,6 +3,7 @@
 import json
 import struct
 import zlib
+from collections.abc import Sequence
 from pathlib import Path
 from typing import NamedTuple
 
@@ -16,37 +17,58 @@ _HEADER, _SECTION, _ALIGN = 256, 24, 64
 _WHOLES, _REALS = 14, 16
 
 
-def pack(kind, frame, wholes, reals, sections, provenance, version=1):
-    """Return the bytes of a ``.pandis`` file.
+class Parts(NamedTuple):
+    """What differs between the files of different kinds.
 
-    Parameters
+    Attributes
     ----------
     kind : int
-    frame : pandis.base.frame.Frame
+        Number of the kind.
     wholes, reals : sequence of int, of float
         Numbers in the header: at most 14 integers and 16 reals.
     sections : dict of str to ndarray or bytes
         Sections by name; a name has four characters.
+    """
+
+    kind: int
+    wholes: Sequence[int]
+    reals: Sequence[float]
+    sections: dict
+
+    def add(self, sections):
+        """Return the parts with additional sections."""
+        return self._replace(sections=self.sections | sections)
+
+
+def pack(frame, parts, provenance, *, version=1):
+    """Return the bytes of a ``.pandis`` file.
+
+    Parameters
+    ----------
+    frame : pandis.base.frame.Frame
+    parts : Parts
     provenance : dict
         Stored as JSON in section PROV.
     version : {1, 2, 3, 4}
         Version of the format. Write the lowest that supports the content, so that older versions of
         ``pandis.h`` can read it.
     """
-    sections = sections | {"PROV": json.dumps(provenance, sort_keys=True).encode()}
-    parts = {
+    kind, wholes, reals, sections = parts.add(
+        {"PROV": json.dumps(provenance, sort_keys=True).encode()}
+    )
+    contents = {
         name: part if isinstance(part, bytes) else np.ascontiguousarray(part).tobytes()
         for name, part in sections.items()
     }
-    at, table, body = _HEADER + _SECTION * len(parts), [], []
-    for name, part in parts.items():
+    at, table, body = _HEADER + _SECTION * len(contents), [], []
+    for name, part in contents.items():
         start = -(-at // _ALIGN) * _ALIGN
         table.append(struct.pack("<4sIQQ", name.encode(), 0, start, len(part)))
         body += [bytes(start - at), part]
         at = start + len(part)
     body.append(bytes(-at % 8))
     numbers = [*wholes, *[0] * (_WHOLES - len(wholes))]
-    header = struct.pack("<II3dd14i", kind, len(parts), *frame.centre, frame.scale, *numbers)
+    header = struct.pack("<II3dd14i", kind, len(contents), *frame.centre, frame.scale, *numbers)
     header += struct.pack("<16d", *reals, *[0.0] * (_REALS - len(reals)))
     pieces, checksum = [header, *table, *body], 0
     for piece in pieces:

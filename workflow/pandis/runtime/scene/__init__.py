@@ -47,6 +47,7 @@ class Placed(NamedTuple):
         field: NativeField,
         size: Number,
         stiffness: Number,
+        *,
         position: ArrayLike = (0, 0, 0),
         rotation: ArrayLike = _UPRIGHT,
     ) -> "Placed":

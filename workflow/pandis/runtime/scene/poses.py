@@ -48,6 +48,7 @@ class Poses:
         rotations: ArrayLike,
         translations: ArrayLike,
         velocities: ArrayLike,
+        *,
         spins: ArrayLike,
         period: Number,
     ) -> None:

@@ -46,7 +46,7 @@ def library():
     return lib
 
 
-def run_ticks(field, points, count, rate, again=True):
+def run_ticks(field, points, count, *, rate, again=True):
     """Compute a field's force once per tick of a fixed-rate clock.
 
     Parameters

@@ -14,7 +14,7 @@ from pandis.pipeline.judge.errors.view import surface_errors
 from pandis.pipeline.run.records.evaluation import EvaluationRecord
 
 
-def compare(fields, trajectory, options, progress):
+def compare(fields, trajectory, options, *, progress):
     """Compare all fields of a body with the exact one.
 
     Parameters
@@ -39,11 +39,15 @@ def compare(fields, trajectory, options, progress):
     scale = Scale.of(options)
     path = tuple(trajectory[key] for key in ("points", "distance", "normal"))
     sets = probes(body, count, seed)
-    contacts = draw_contacts(body, scale, count, generator(seed, CONTACTS), even=True)
+    contacts = draw_contacts(body, scale, count, rng=generator(seed, CONTACTS), even=True)
     tried = controls(fields.exact, scale)
-    arrays, attributes = evaluate(fields, tried, path, sets, contacts, progress)
-    arrays |= surface_errors(fields, body.distance, body.corners, body.faces, progress)
-    paths = several(path, body, options, progress)
+    arrays, attributes = evaluate(
+        fields, tried, path, probe_sets=sets, contacts=contacts, progress=progress
+    )
+    arrays |= surface_errors(
+        fields, body.distance, body.corners, faces=body.faces, progress=progress
+    )
+    paths = several(path, body, options, progress=progress)
     arrays["paths"] = np.array([points for points, _, _ in paths], np.float32)
     record = EvaluationRecord(
         **attributes,

@@ -43,7 +43,7 @@ def statistics(force: Points, exact: Points):
     }
 
 
-def evaluate(fields, controls, trajectory, probe_sets, contacts, progress):
+def evaluate(fields, controls, trajectory, *, probe_sets, contacts, progress):
     """Compare all fields on the trajectory, on the probe sets and on the contact sets.
 
     Parameters

@@ -51,7 +51,7 @@ def repeats(models):
     return list(groups.values())
 
 
-def several(first, body, options, progress):
+def several(first, body, options, *, progress):
     """Return a list of the first trajectory and further ones traced in the same way.
 
     Parameters
@@ -65,7 +65,7 @@ def several(first, body, options, progress):
     paths = [first]
     for index in range(1, options.paths):
         seed = [options.seed, 5, index]
-        more, _ = trace(body, options.trajectory, seed, progress)
+        more, _ = trace(body, options.trajectory, seed, progress=progress)
         paths.append(tuple(more[key] for key in ("points", "distance", "normal")))
     return paths
 

@@ -25,7 +25,7 @@ def coarsen(vertices, faces, count=FACES):
     return coarse, faces
 
 
-def surface_errors(fields, engine, vertices, faces, progress):
+def surface_errors(fields, engine, vertices, *, faces, progress):
     """Measure the force error of every field below the vertices of a coarse mesh.
 
     Parameters

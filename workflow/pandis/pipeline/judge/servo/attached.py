@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 
 from pandis.pipeline.judge.servo.devices import DEVICES
-from pandis.pipeline.run.records.hardware import AttachedRun, TouchVerdict
+from pandis.pipeline.run.records.hardware import AttachedRun, Pressed, TouchVerdict, WallVerdict
 from pandis.runtime.device import DONE, Order, run_device
 from pandis.runtime.scene import NativeScene, Placed
 
@@ -39,7 +39,28 @@ class Span(NamedTuple):
     deadline: float
 
 
-def stiffness_for(stiffness, spec, pressed, walls, sound=True):
+class Safety(NamedTuple):
+    """What is known of a field on a device.
+
+    Attributes
+    ----------
+    pressed : pandis.pipeline.run.records.hardware.Pressed, optional
+        Presses on this field, mesh and device, with penalty forces or through a proxy (as a
+        `TouchVerdict`).
+    walls : pandis.pipeline.run.records.hardware.WallVerdict, optional
+    sound : bool
+        Whether the file reproduces its field's forces and computes them in time.
+    """
+
+    pressed: Pressed | None = None
+    walls: WallVerdict | None = None
+    sound: bool = True
+
+
+_UNKNOWN = Safety()
+
+
+def stiffness_for(stiffness, spec, safety):
     """Return the stiffness with which a device may be armed, and any reason why it may not be.
 
     Parameters
@@ -47,12 +68,7 @@ def stiffness_for(stiffness, spec, pressed, walls, sound=True):
     stiffness : float
         Configured stiffness, N/m.
     spec : pandis.pipeline.judge.servo.devices.Specification
-    pressed : pandis.pipeline.run.records.hardware.Pressed or None
-        Presses on this field, mesh and device, with penalty forces or through a proxy (as a
-        `TouchVerdict`).
-    walls : pandis.pipeline.run.records.hardware.WallVerdict or None
-    sound : bool
-        Whether the file reproduces its field's forces and computes them in time.
+    safety : Safety
 
     Returns
     -------
@@ -62,7 +78,7 @@ def stiffness_for(stiffness, spec, pressed, walls, sound=True):
     refused : str
         Why no force may be sent; empty if forces may be sent.
     """
-    most = min(stiffness, spec.stiffest(1 / spec.rate))
+    (pressed, walls, sound), most = safety, min(stiffness, spec.stiffest(1 / spec.rate))
     if pressed is None or walls is None:
         return most, "no safe stiffness is known for this field on this device"
     if not sound:
@@ -79,7 +95,7 @@ def stiffness_for(stiffness, spec, pressed, walls, sound=True):
     return min(most, safe), ""
 
 
-def run_attached(field, scale, options, span, pressed=None, walls=None, sound=True, feel=None):
+def run_attached(field, scale, options, *, span, safety=_UNKNOWN, feel=None):
     """Run one field on the attached device.
 
     Parameters
@@ -89,8 +105,8 @@ def run_attached(field, scale, options, span, pressed=None, walls=None, sound=Tr
         With the configured stiffness, which `stiffness_for` limits.
     options : pandis.pipeline.run.ask.options.AttachedOptions
     span : Span
-    pressed, walls, sound
-        See `stiffness_for`. Without the first two, no force is sent.
+    safety : Safety
+        Without verdicts on presses and walls, no force is sent.
     feel : pandis.runtime.contact.Feel, optional
         Probe with a proxy, and its surface; None for penalty forces.
 
@@ -104,7 +120,7 @@ def run_attached(field, scale, options, span, pressed=None, walls=None, sound=Tr
     spec = DEVICES[options.model]
     # the device's scheduler has its own rate
     period = 1 / spec.rate
-    stiffness, refused = stiffness_for(scale.stiffness, spec, pressed, walls, sound)
+    stiffness, refused = stiffness_for(scale.stiffness, spec, safety)
     consent = options.arm and os.environ.get(CONSENT) == "1"
     armed = consent and not refused
     placed = Placed.at(field, scale.size, stiffness)
@@ -119,7 +135,7 @@ def run_attached(field, scale, options, span, pressed=None, walls=None, sound=Tr
     )
     session = run_device(options.library, options.name, order)
     touched = bool(session.force.any())
-    statement = _statement(session, armed, consent, touched).format(
+    statement = _statement(session, armed, consent, touched=touched).format(
         model=session.model or spec.title, why=session.sentence, refused=refused
     )
     late = session.since - period
@@ -155,7 +171,7 @@ def run_attached(field, scale, options, span, pressed=None, walls=None, sound=Tr
     return arrays, record
 
 
-def _statement(session, armed, consent, touched):
+def _statement(session, armed, consent, *, touched):
     if not len(session.force):
         return NONE
     if session.stand_in:

@@ -67,11 +67,14 @@ class Specification(NamedTuple):
     most_damping: float = 0.0
     button: bool = False
 
-    def simulated(self, hand_stiffness, hand_damping, delay, period, wall):
-        """Return the simulated device in a hand; ``wall`` is the wall's stiffness, N/m."""
+    def simulated(self, hand, *, delay, period, wall):
+        """Return the simulated device in a hand of a stiffness (N/m) and damping (Ns/m).
+
+        ``wall`` is the wall's stiffness, N/m.
+        """
         return Simulated(
             self.mass, self.damping, self.friction, self.encoder, self.force, self.impulse,
-            self.speed, hand_stiffness, hand_damping, period, wall, delay,
+            self.speed, *hand, period, wall, delay,
         )  # fmt: skip
 
     def stiffest(self, period):

@@ -84,12 +84,12 @@ class Judged(NamedTuple):
         return self.deep + self.crossed
 
 
-def draw(feet, outward, spec, stiffness, slant, rng, above=ABOVE):
+def draw(places, spec, stiffness, *, slant, rng, above=ABOVE):
     """Draw presses on surface points.
 
     Parameters
     ----------
-    feet, outward : ndarray, shape (n, 3)
+    places : tuple of ndarray, shape (n, 3)
         Surface points (m) and their outward normals.
     spec : pandis.pipeline.judge.servo.devices.Specification
     stiffness : float
@@ -105,7 +105,7 @@ def draw(feet, outward, spec, stiffness, slant, rng, above=ABOVE):
     list of Press
     """
     presses = []
-    for foot, normal in zip(feet, outward, strict=True):
+    for foot, normal in zip(*places, strict=True):
         side = rng.normal(size=3)
         side -= (side @ normal) * normal
         angle = rng.uniform(0, slant)
@@ -181,7 +181,7 @@ def free_starts(presses, oracle, above=ABOVE):
     return [presses[i] for i in np.flatnonzero(free)]
 
 
-def run(field, spec, size, stiffness, presses, feel=None):
+def run(field, spec, size, *, stiffness, presses, feel=None):
     """Press with a simulated device; yield the session and the proxies (n, 3), m, of each press.
 
     Parameters
@@ -206,12 +206,12 @@ def run(field, spec, size, stiffness, presses, feel=None):
     limits = spec.limits(period, stiffness)
     limits.ramp = _RAMP / period
     order = Order(scene, len(share), limits, period, armed=True)
-    device = spec.simulated(*_HAND, 0, period, stiffness)
+    device = spec.simulated(_HAND, delay=0, period=period, wall=stiffness)
     for press in presses:
         if feel:
             scene.restart()
         rest = press.start + share * (press.end - press.start)
-        session = run_simulated(device, press.start, rest, np.zeros(3), order)
+        session = run_simulated(device, press.start, rest, press=np.zeros(3), order=order)
         proxy = session.proxy
         if not feel:
             inside = scene.ask_all(session.position).any(axis=1)
@@ -220,7 +220,7 @@ def run(field, spec, size, stiffness, presses, feel=None):
         yield session, proxy
 
 
-def judge(runs, oracle, error, detours=True, radius=0.0):
+def judge(runs, oracle, error, *, detours=True, radius=0.0):
     """Judge runs of presses.
 
     Parameters
@@ -252,7 +252,7 @@ def judge(runs, oracle, error, detours=True, radius=0.0):
             fault = (
                 "deep"
                 if depth > margin
-                else _fault(run, distance, outward, margin, oracle, detours)
+                else _fault(run, distance, outward, margin=margin, oracle=oracle, detours=detours)
             )
             passes.append((fault, depth))
     faults = [fault for fault, _ in passes]
@@ -281,18 +281,23 @@ class _Run(NamedTuple):
         return cls(proxies[moved], session.cause != DONE, apart)
 
 
-def _fault(run, distance, outward, margin, oracle, detours=True):
+def _fault(run, distance, outward, *, margin, oracle, detours=True):
     """Return the fault, if any, of a run whose proxy was never too deep."""
     # a proxy can cross a wall two margins thick without being deeper than one margin
     for i in np.flatnonzero(np.linalg.norm(np.diff(run.places, axis=0), axis=1) > 2 * margin):
         if _through(
-            run.places[i : i + 2], distance[i : i + 2], outward[i : i + 2], margin, oracle, detours
+            run.places[i : i + 2],
+            distance[i : i + 2],
+            outward[i : i + 2],
+            margin=margin,
+            oracle=oracle,
+            detours=detours,
         ):
             return "crossed"
     return "around" if run.apart > MARGIN and not run.ended else None
 
 
-def _through(places, distance, outward, margin, oracle, detours):
+def _through(places, distance, outward, *, margin, oracle, detours):
     """Return whether no free path near two places (2, 3) leads from the first to the second.
 
     The proxy's path between ticks is unknown. The straight segment is tested first, with
@@ -305,10 +310,10 @@ def _through(places, distance, outward, margin, oracle, detours):
     lifted = places + (np.maximum(distance, margin) - distance)[:, None] * outward
     if not oracle.crosses(*lifted):
         return False
-    return not (detours and _leads_around(places, margin, oracle, _DETOUR * length))
+    return not (detours and _leads_around(places, margin, oracle, longest=_DETOUR * length))
 
 
-def _leads_around(places, margin, oracle, longest):
+def _leads_around(places, margin, oracle, *, longest):
     """Return whether a chain of overlapping free balls leads from one place to the other.
 
     A proxy may be off by a margin, so any ball within a margin of a place is connected to it. New

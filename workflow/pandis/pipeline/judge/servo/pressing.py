@@ -71,7 +71,7 @@ class Contact(NamedTuple):
     hard_outward: np.ndarray
 
 
-def contact(trajectory, places, thin, size):
+def contact(trajectory, places, thin, *, size):
     """Return the points at which a hand presses and slides, in the device's workspace.
 
     Parameters
@@ -96,7 +96,31 @@ def contact(trajectory, places, thin, size):
     )
 
 
-def press(field, spec, surface, size, stiffness, hand, rate, feel=None):
+class Setup(NamedTuple):
+    """How a simulated device presses.
+
+    Attributes
+    ----------
+    size, stiffness : float
+        Longest side, m, and requested stiffness, N/m, which is capped at the device's largest.
+    hand : Hand
+    rate : float
+        Ticks per second.
+    """
+
+    size: float
+    stiffness: float
+    hand: Hand
+    rate: float
+
+    @classmethod
+    def of(cls, options):
+        """Return the setup of a `pandis.pipeline.run.ask.tasks.ValidateTask`."""
+        hand = Hand(**dict(options.hand))
+        return cls(options.size, options.stiffness, hand, options.rate)
+
+
+def press(field, spec, surface, *, setup, feel=None):
     """Press a device with a field onto a mesh, and slide along it.
 
     Parameters
@@ -104,11 +128,7 @@ def press(field, spec, surface, size, stiffness, hand, rate, feel=None):
     field : pandis.runtime.field.NativeField
     spec : pandis.pipeline.judge.servo.devices.Specification
     surface : Contact
-    size, stiffness : float
-        Longest side, m, and requested stiffness, N/m, which is capped at the device's largest.
-    hand : Hand
-    rate : float
-        Ticks per second.
+    setup : Setup
     feel : pandis.runtime.contact.Feel, optional
         Probe with a proxy, and its surface; None for penalty forces.
 
@@ -116,8 +136,8 @@ def press(field, spec, surface, size, stiffness, hand, rate, feel=None):
     -------
     Pressed
     """
-    rig = _Rig(field, spec, surface, size, hand, rate, feel)
-    stiffness = min(stiffness, spec.stiffness)
+    rig = _Rig(field, spec, surface, setup=setup, feel=feel)
+    hand, stiffness = setup.hand, min(setup.stiffness, spec.stiffness)
     runs = rig.presses(stiffness)
     slide = rig.slide(stiffness)
     every = [*runs, slide]
@@ -127,7 +147,13 @@ def press(field, spec, surface, size, stiffness, hand, rate, feel=None):
     reach = max(float(np.linalg.norm(run.path, axis=1).max()) for run in every)
     others = [hand._replace(damping=damping) for damping in HANDS if damping != hand.damping]
     others.append(hand._replace(stiffness=0.0, damping=0.0))
-    rigs = [rig, *(_Rig(field, spec, surface, size, other, rate, feel) for other in others)]
+    rigs = [
+        rig,
+        *(
+            _Rig(field, spec, surface, setup=setup._replace(hand=other), feel=feel)
+            for other in others
+        ),
+    ]
     # in simulated time nothing is late, however many rigs run in parallel
     searched = list(each(lambda one: one.safe(stiffness), rigs, thread_count()))
     safe, limit = searched[0]
@@ -140,7 +166,7 @@ def press(field, spec, surface, size, stiffness, hand, rate, feel=None):
         released_n_m=searched[-1][0],
         stiffness=stiffness,
         strongest_n=max(run.strongest for run in every),
-        steepest_n_per_ms=max(run.steepest for run in every) * 1e-3 * rate,
+        steepest_n_per_ms=max(run.steepest for run in every) * 1e-3 * setup.rate,
         cut=int(cut),
         energy_j=float(energy),
         quiet=rig.quiet(stiffness),
@@ -155,9 +181,9 @@ def press(field, spec, surface, size, stiffness, hand, rate, feel=None):
 
 
 class _Rig:
-    def __init__(self, field, spec, surface, size, hand, rate, feel):
-        self.feel = feel
-        self.field, self.spec, self.hand, self.period = field, spec, hand, 1 / rate
+    def __init__(self, field, spec, surface, *, setup, feel):
+        self.feel, rate, size = feel, setup.rate, setup.size
+        self.field, self.spec, self.hand, self.period = field, spec, setup.hand, 1 / rate
         self.size, self.surface, self._pressed = size, surface, {}
         starts = self._free(surface.feet, surface.outward)
         self.picked = list(zip(surface.feet, surface.outward, surface.radius, starts, strict=True))
@@ -189,7 +215,9 @@ class _Rig:
 
     def simulated(self, wall):
         hand = self.hand
-        return self.spec.simulated(hand.stiffness, hand.damping, hand.delay, self.period, wall)
+        return self.spec.simulated(
+            (hand.stiffness, hand.damping), delay=hand.delay, period=self.period, wall=wall
+        )
 
     def presses(self, stiffness):
         if stiffness not in self._pressed:  # cached: the ladder repeats the requested one
@@ -204,7 +232,7 @@ class _Rig:
                 rest[: self.wait], push[: self.wait] = start, 0.0
                 if self.feel:
                     order.scene.restart()
-                run = run_simulated(device, start, rest, push, order)
+                run = run_simulated(device, start, rest, press=push, order=order)
                 self._pressed[stiffness].append(run)
         return self._pressed[stiffness]
 
@@ -221,7 +249,7 @@ class _Rig:
         rest = np.concatenate([np.tile(start, (self.wait, 1)), rest])
         push = np.concatenate([np.zeros((self.wait, 3)), push])
         device, order = self.simulated(stiffness), self.order(stiffness, len(rest))
-        return run_simulated(device, start, rest, push, order)
+        return run_simulated(device, start, rest, press=push, order=order)
 
     def is_quiet(self, run):
         path = run.path[self.wait + (len(run.path) - self.wait) * 2 // 3 :]

@@ -10,11 +10,11 @@ from pandis.base.frame import UNIT_SIDE
 from pandis.base.streams import PRESSES, generator
 from pandis.pipeline.judge.servo.devices import DEVICES
 from pandis.pipeline.judge.servo.passes import ABOVE, draw, free_starts, judge, run
-from pandis.pipeline.judge.servo.pressing import Hand, press
+from pandis.pipeline.judge.servo.pressing import Contact, Setup, press
 from pandis.pipeline.judge.servo.verdict import proxy_sentence, proxy_verdict
 from pandis.pipeline.run.ask.catalogue import known_field
 from pandis.pipeline.run.ask.kinds import KINDS
-from pandis.pipeline.run.records.hardware import ProxyVerdict, TouchVerdict
+from pandis.pipeline.run.records.hardware import ProxyVerdict, TouchVerdict, WallVerdict
 from pandis.runtime.contact import BEHIND, TOUCHING, Feel, Material, NativeContact
 from pandis.runtime.contact.surfaces import materials_for, texture_for, textures_for
 from pandis.runtime.field import NativeField
@@ -35,7 +35,7 @@ class Surfaces(NamedTuple):
 
 
 class Truth(NamedTuple):
-    """The reference for judging whether a proxy has passed through a wall.
+    """What a field's proxy on a mesh is judged by.
 
     Attributes
     ----------
@@ -44,10 +44,15 @@ class Truth(NamedTuple):
     feet : ndarray, shape (n, 3), m
         Surface points where the field's error is measured. Points at which the field has no force
         are left out, so that a hole in the field does not excuse a pass through it.
+    surface : pandis.pipeline.judge.servo.pressing.Contact
+        Where devices press.
+    walls : pandis.pipeline.run.records.hardware.WallVerdict
     """
 
     oracle: object
     feet: np.ndarray
+    surface: Contact
+    walls: WallVerdict
 
     def error(self, field, size):
         """Return the largest error of a field at the surface, m.
@@ -65,7 +70,7 @@ class Truth(NamedTuple):
         return float(off[0].max() + off[1].max())
 
 
-def feel_for(field, beside, contact, size, seconds, deadline):
+def feel_for(field, beside, contact, *, size, seconds, deadline):
     """Return the proxy settings with which a field is tested.
 
     Parameters
@@ -124,7 +129,7 @@ def regions_among(exports):
     return None
 
 
-def felt_again(field, verdict, size, folder):
+def felt_again(field, verdict, size, *, folder):
     """Return the probe and surface with which a field was validated.
 
     Parameters
@@ -155,7 +160,7 @@ def felt_again(field, verdict, size, folder):
     return Feel(verdict.radius, materials, beside, verdict.budget, texture)
 
 
-def try_proxy(field, feel, surfaces, path, surface, walls, truth, options):
+def try_proxy(field, feel, surfaces, *, path, truth, options):
     """Test a field through a proxy.
 
     Parameters
@@ -165,8 +170,6 @@ def try_proxy(field, feel, surfaces, path, surface, walls, truth, options):
         From `feel_for`.
     path : ndarray, shape (n, 3), m
         Path of the probe, tick by tick, from outside.
-    surface : pandis.pipeline.judge.servo.pressing.Contact
-    walls : pandis.pipeline.run.records.hardware.WallVerdict
     truth : Truth
     options : pandis.pipeline.run.ask.tasks.ValidateTask
 
@@ -177,7 +180,9 @@ def try_proxy(field, feel, surfaces, path, surface, walls, truth, options):
     placed = Placed.at(field, options.size, options.stiffness)
     followed = []
     for _ in range(2):
-        contact = NativeContact(placed, *feel[:3], feel.texture)
+        contact = NativeContact(
+            placed, feel.radius, feel.materials, regions=feel.regions, texture=feel.texture
+        )
         contact.set(budget=feel.queries)
         followed.append(contact.follow(path, 1 / options.rate, timed=True))
     touches = followed[0]
@@ -196,25 +201,26 @@ def try_proxy(field, feel, surfaces, path, surface, walls, truth, options):
         touching_share=touching,
         behind_share=float(((touches.state & BEHIND) > 0).mean()),
         devices={
-            name: touch_device(name, field, feel, surface, walls, truth, options, options.rate)
+            name: touch_device(name, field, feel, truth=truth, options=options)
             for name in options.devices
         },
     )
 
 
-def touch_device(name, field, feel, surface, walls, truth, options, rate):
+def touch_device(name, field, feel, *, truth, options):
     """Press a simulated device onto a field through a proxy, gently and with full force."""
-    spec, hand = DEVICES[name], Hand(**dict(options.hand))
-    pressed = press(field, spec, surface, options.size, options.stiffness, hand, rate, feel)
+    spec, surface = DEVICES[name], truth.surface
+    pressed = press(field, spec, surface, setup=Setup.of(options), feel=feel)
     error = truth.error(field, options.size)
     rng = generator(options.seed, PRESSES)
     above = ABOVE + feel.radius
-    presses = draw(
-        surface.hard_feet, surface.hard_outward, spec, pressed.stiffness, _SLANT, rng, above
-    )
+    places = surface.hard_feet, surface.hard_outward
+    presses = draw(places, spec, pressed.stiffness, slant=_SLANT, rng=rng, above=above)
     presses = free_starts(presses, truth.oracle, above)
-    run_presses = partial(run, field, spec, options.size, pressed.stiffness, presses)
-    judged = judge(run_presses(feel), truth.oracle, error, radius=feel.radius)
+    run_presses = partial(
+        run, field, spec, options.size, stiffness=pressed.stiffness, presses=presses
+    )
+    judged = judge(run_presses(feel=feel), truth.oracle, error, radius=feel.radius)
     other = judge(run_presses(), truth.oracle, error, detours=False)
     touched = TouchVerdict(
         **dict(pressed),
@@ -223,7 +229,7 @@ def touch_device(name, field, feel, surface, walls, truth, options, rate):
         passes=judged.passed,
         penalty_passes=other.passed,
         deepest_m=judged.deepest,
-        holds=walls.holds,
+        holds=truth.walls.holds,
     )
     words = {"verdict": proxy_verdict(touched), "sentence": proxy_sentence(touched)}
     return touched.model_copy(update=words)

@@ -22,7 +22,7 @@ from pydantic import ValidationError
 from pandis.base.errors import PandisError
 from pandis.base.frame import UNIT_SIDE
 from pandis.base.physical import Scale
-from pandis.pipeline.judge.servo.attached import Span, run_attached, stiffness_for
+from pandis.pipeline.judge.servo.attached import Safety, Span, run_attached, stiffness_for
 from pandis.pipeline.judge.servo.devices import DEVICES
 from pandis.pipeline.judge.servo.proxies import felt_again
 from pandis.pipeline.run.ask.options import AttachedOptions, HardwareOptions
@@ -62,7 +62,7 @@ class Known(NamedTuple):
     proxy: object = None
 
 
-def known(path, model, size, through_proxy=False):
+def known(path, model, size, *, through_proxy=False):
     """Return a validation's results for a file on a device, or why there are none.
 
     Parameters
@@ -110,7 +110,7 @@ def known(path, model, size, through_proxy=False):
     return Known(pressed, validated.walls, "", proxy)
 
 
-def touch_simulated(field, model, size, stiffness, seconds, feel=None):
+def touch_simulated(field, model, size, *, stiffness, seconds, feel=None):
     """Lead a simulated device through the middle of an object and back, in real time.
 
     Parameters
@@ -137,19 +137,21 @@ def touch_simulated(field, model, size, stiffness, seconds, feel=None):
     ticks = max(1, round(seconds / period))
     height = 0.6 * size * np.cos(np.linspace(0, 2 * np.pi, ticks))
     rest = np.column_stack([np.zeros(ticks), height, np.zeros(ticks)])
-    device = spec.simulated(*HAND, 0, period, stiffness)
+    device = spec.simulated(HAND, delay=0, period=period, wall=stiffness)
     placed = Placed.at(field, size, stiffness)
     scene = feel.scene(placed) if feel else NativeScene([placed])
     # loose limits: a simulated device does no harm if a tick is late
     late = {"deadline": 1.0, "gap": 1.0, "patience": 5.0}
     order = Order(scene, ticks, spec.limits(period, stiffness), period, armed=True, **late)
-    return run_simulated(device, rest[0], rest, np.zeros(3), order, clock=True)
+    return run_simulated(device, rest[0], rest, press=np.zeros(3), order=order, clock=True)
 
 
 def _feel(field, options, proxy):
     """Return the probe with a proxy as it was validated, changed by the user's options."""
     feel = (
-        felt_again(field, proxy, options.size, options.field.resolve().parent) if proxy else Feel()
+        felt_again(field, proxy, options.size, folder=options.field.resolve().parent)
+        if proxy
+        else Feel()
     )
     if options.radius is not None:
         feel = feel._replace(radius=options.radius)
@@ -198,17 +200,19 @@ def main(words=None):
     except PandisError as error:
         print(f"error: {error}", file=sys.stderr)
         return 1
-    validated = known(line.field, line.model, line.size, line.proxy)
-    pressed, walls, why = validated.pressed, validated.walls, validated.why
+    validated = known(line.field, line.model, line.size, through_proxy=line.proxy)
+    safety, why = Safety(validated.pressed, validated.walls), validated.why
     feel = _feel(field, line, validated.proxy) if line.proxy else None
     print(f"{line.field}: longest side {UNIT_SIDE / field.frame.scale:g} in the mesh's units")
     if why:
         print(f"no safe stiffness is known: {why}")
     if line.simulated:
         most = min(line.stiffness, DEVICES[line.model].stiffness)
-        stiffness = most if why else stiffness_for(most, DEVICES[line.model], pressed, walls)[0]
+        stiffness = most if why else stiffness_for(most, DEVICES[line.model], safety)[0]
         try:
-            session = touch_simulated(field, line.model, line.size, stiffness, line.seconds, feel)
+            session = touch_simulated(
+                field, line.model, line.size, stiffness=stiffness, seconds=line.seconds, feel=feel
+            )
         except PandisError as error:
             print(f"error: {error}", file=sys.stderr)
             return 1
@@ -218,7 +222,7 @@ def main(words=None):
     span = Span(line.seconds, HardwareOptions().deadline)
     scale = Scale(line.size, line.stiffness)
     try:
-        _, run = run_attached(field, scale, options, span, pressed, walls, feel=feel)
+        _, run = run_attached(field, scale, options, span=span, safety=safety, feel=feel)
     except PandisError as error:
         print(f"error: {error}", file=sys.stderr)
         return 1

@@ -10,10 +10,11 @@ from pandis.base.forces import force_of
 from pandis.base.frame import UNIT_SIDE, Frame
 from pandis.base.physical import Scale
 from pandis.pipeline.geometry.shares import missing
-from pandis.pipeline.judge.servo.attached import Span, run_attached
+from pandis.pipeline.judge.servo.attached import Safety, Span, run_attached
 from pandis.pipeline.judge.servo.devices import DEVICES
 from pandis.pipeline.judge.servo.load import busy_cores
-from pandis.pipeline.judge.servo.pressing import Hand, contact, press
+from pandis.pipeline.judge.servo.passes import Oracle
+from pandis.pipeline.judge.servo.pressing import Setup, contact, press
 from pandis.pipeline.judge.servo.proxies import (
     Truth,
     feel_for,
@@ -22,8 +23,9 @@ from pandis.pipeline.judge.servo.proxies import (
     try_proxy,
 )
 from pandis.pipeline.judge.servo.verdict import device_sentence, judge, machine_verdict, paragraph
-from pandis.pipeline.judge.servo.walls import compare, faults
+from pandis.pipeline.judge.servo.walls import compare, faults, open_walls
 from pandis.pipeline.kinds.exported import ExportedField
+from pandis.pipeline.kinds.field import ExactField
 from pandis.pipeline.run.job.machine import describe, governor
 from pandis.pipeline.run.records.hardware import (
     DeviceVerdict,
@@ -61,67 +63,74 @@ AGAIN = (
 ONCE = "Between ticks the loop made no queries (hardware.ask_again is false)."
 
 
-def validate_exports(exports, walls, oracle, trajectory, evaluation, mesh, options, progress, log):
+def validate_exports(exports, body, *, trajectory, evaluation, options, context):
     """Validate all exported fields of a mesh, one after the other.
 
     Parameters
     ----------
     exports : list of Path
         ``{field}.pandis``.
-    walls : pandis.pipeline.judge.servo.walls.Walls
-        Points at which forces are compared with the exact ones, and on which devices press.
-    oracle : pandis.pipeline.judge.servo.passes.Oracle
-        Oracle of the mesh in the device's workspace, which detects passes through walls.
+    body : pandis.pipeline.geometry.body.Body
     trajectory, evaluation : pandis.pipeline.run.job.artifact.Artifact
-    mesh : str
-        Name of the mesh.
     options : pandis.pipeline.run.ask.tasks.ValidateTask
-    progress : pandis.base.progress.Progress
-    log : pandis.base.progress.Log
+    context : pandis.base.progress.Context
 
     Returns
     -------
     arrays, attributes : dict
         As stored in ``hardware.zarr.zip``: compute time, lateness and force per field and tick;
         lateness of the clock without work; results while other work loads every core.
-    text : str
-        ``hardware.json``.
     """
+    scale = Scale.of(options)
+    walls = open_walls(ExactField("exact", body), scale, options.seed)
+    oracle = Oracle(body.corners / scale.metre, body.faces)
     frame = Frame.of(trajectory)
     points = frame.to_mesh(trajectory.arrays["points"])
     most = min(options.deadline, WITHIN / options.rate)
     options = options.model_copy(update={"deadline": most})
     arrays, fields = {}, {}
-    surface = contact(trajectory.arrays, walls.pressed, walls.thin, options.size)
-    report = progress("fields", len(exports), "fields")
-    idle = run_ticks(None, points, _ticks(options), options.rate)
+    surface = contact(trajectory.arrays, walls.pressed, walls.thin, size=options.size)
+    report = context.progress("fields", len(exports), "fields")
+    idle = run_ticks(None, points, _ticks(options), rate=options.rate)
     mode = AGAIN if options.ask_again else ONCE
     arrays["lateness"] = idle.lateness
     path_in, beside = _entered(trajectory.arrays, options.size), regions_among(exports)
-    _check_names(options.contact, beside, log)
+    _check_names(options.contact, beside, context.log)
     for index, path in enumerate(exports):
         name = path.stem
         reference = evaluation.arrays[f"force_{name}"]
         field = NativeField(path)
         file = ExportedField(name, field)
         lacks = compare(file, walls)
-        truth = Truth(oracle, pushing_feet(file, walls) * options.size / UNIT_SIDE)
-        ticks, servo = validate(field, frame, points, reference, lacks, options)
-        devices, attached = press_devices(field, surface, lacks, options), None
+        feet = pushing_feet(file, walls) * options.size / UNIT_SIDE
+        truth = Truth(oracle, feet, surface, lacks)
+        ticks, servo = validate(
+            field, frame, points, reference=reference, walls=lacks, options=options
+        )
+        devices, attached = press_devices(field, surface, lacks, options=options), None
         query = servo.compute_us["p50"] * 1e-6
         feel, surfaces, no_proxy = feel_for(
-            field, beside, options.contact, options.size, query, most
+            field, beside, options.contact, size=options.size, seconds=query, deadline=most
         )
-        proxy = feel and try_proxy(field, feel, surfaces, path_in, surface, lacks, truth, options)
+        proxy = feel and try_proxy(
+            field,
+            feel,
+            surfaces,
+            path=path_in,
+            truth=truth,
+            options=options,
+        )
         if options.attached:
             run = _Felt(feel, proxy, truth) if feel else None
-            more, attached = _attached(field, surface, servo, devices, options, run)
+            more, attached = _attached(
+                field, surface, servo, devices=devices, options=options, felt=run
+            )
             ticks |= {f"device_{key}": values for key, values in more.items()}
         arrays |= {f"{key}_{name}": values for key, values in ticks.items()}
         fields[name] = FieldVerdict(
             **dict(servo),
             devices=devices,
-            advice=paragraph(servo, devices, options, proxy),
+            advice=paragraph(servo, devices, options, proxy=proxy),
             sha256=hashlib.sha256(path.read_bytes()).hexdigest(),
             proxy=proxy,
             no_proxy=no_proxy,
@@ -139,12 +148,17 @@ def validate_exports(exports, walls, oracle, trajectory, evaluation, mesh, optio
         size=options.size,
         stiffness=options.stiffness,
         contact=options.contact.kind,
-        newtons=Scale.of(options).newtons,
+        newtons=scale.newtons,
         clock_alone_us=_microseconds(idle.lateness),
         clock_alone_late_share=_late(idle.lateness, options),
         fields=fields,
     ).attributes()
-    return arrays, attributes, json.dumps({"mesh": mesh} | attributes, indent=2) + "\n"
+    return arrays, attributes
+
+
+def to_json(mesh, attributes):
+    """Return the text of ``hardware.json``, given the mesh's name."""
+    return json.dumps({"mesh": mesh} | attributes, indent=2) + "\n"
 
 
 class _Felt(NamedTuple):
@@ -155,7 +169,7 @@ class _Felt(NamedTuple):
     truth: Truth
 
 
-def _attached(field, surface, servo, devices, options, felt=None):
+def _attached(field, surface, servo, *, devices, options, felt=None):
     """Run a field on the attached device, at no more than the stiffness safe on a simulated one."""
     model = options.attached.model
     rate = DEVICES[model].rate
@@ -163,16 +177,14 @@ def _attached(field, surface, servo, devices, options, felt=None):
     if pressed is None or options.rate != rate:  # a safe stiffness holds for one rate
         chosen = options.model_copy(update={"devices": [model], "rate": rate})
         if felt:
-            pressed = touch_device(
-                model, field, felt.feel, surface, servo.walls, felt.truth, options, rate
-            )
+            pressed = touch_device(model, field, felt.feel, truth=felt.truth, options=chosen)
         else:
-            pressed = press_devices(field, surface, servo.walls, chosen)[model]
+            pressed = press_devices(field, surface, servo.walls, options=chosen)[model]
     sound = servo.agrees and servo.in_time and (felt is None or felt.verdict.in_time)
     span = Span(options.seconds, options.deadline)
     return run_attached(
-        field, Scale.of(options), options.attached, span, pressed, servo.walls, sound,
-        felt and felt.feel,
+        field, Scale.of(options), options.attached, span=span,
+        safety=Safety(pressed, servo.walls, sound), feel=felt and felt.feel,
     )  # fmt: skip
 
 
@@ -211,11 +223,11 @@ def pushing_feet(field, walls):
     """
     probes = walls.contacts.pressed
     force = force_of(field)(probes.points)
-    gone = missing(force, probes.force, probes.wall, probes.scale.newtons)
+    gone = missing(force, probes.force, probes.wall, newtons=probes.scale.newtons)
     return (probes.points - probes.distance[:, None] * probes.normal)[~gone]
 
 
-def press_devices(field, surface, walls, options):
+def press_devices(field, surface, walls, *, options):
     """Press every configured simulated device onto a field's object.
 
     ``walls`` is a `pandis.pipeline.run.records.hardware.WallVerdict`.
@@ -225,10 +237,9 @@ def press_devices(field, surface, walls, options):
     dict of str to pandis.pipeline.run.records.hardware.DeviceVerdict
         By the device's name.
     """
-    hand, stiffness = Hand(**dict(options.hand)), options.stiffness
-    verdicts = {}
+    setup, verdicts = Setup.of(options), {}
     for name in options.devices:
-        pressed = press(field, DEVICES[name], surface, options.size, stiffness, hand, options.rate)
+        pressed = press(field, DEVICES[name], surface, setup=setup)
         verdicts[name] = DeviceVerdict(
             **dict(pressed),
             device=name,
@@ -240,7 +251,7 @@ def press_devices(field, surface, walls, options):
     return verdicts
 
 
-def validate(field, frame, points, reference, walls, options):
+def validate(field, frame, points, *, reference, walls, options):
     """Run one exported field at the servo rate and judge it.
 
     Parameters
@@ -261,7 +272,7 @@ def validate(field, frame, points, reference, walls, options):
         Per tick: ``compute`` and ``lateness`` (s), ``force`` (unit frame, k = 1).
     servo : pandis.pipeline.run.records.hardware.ServoVerdict
     """
-    run = run_ticks(field, points, _ticks(options), options.rate, options.ask_again)
+    run = run_ticks(field, points, _ticks(options), rate=options.rate, again=options.ask_again)
     force = run.force * frame.scale  # distances are in mesh units
     expected = reference[np.arange(len(force)) % len(points)]
     difference = np.linalg.norm(force - expected, axis=1).max()
@@ -295,7 +306,7 @@ def _loaded(field, points, options):
     """Run a field while other work loads every core."""
     count = max(1, round(options.loaded_seconds * options.rate))
     with busy_cores():
-        run = run_ticks(field, points, count, options.rate, options.ask_again)
+        run = run_ticks(field, points, count, rate=options.rate, again=options.ask_again)
     return Ticks(
         ticks=count,
         compute_us=_microseconds(run.compute),

@@ -186,7 +186,7 @@ def machine_sentence(servo, options):
     return f"It holds {rate:g} Hz here: {took:.3g} of {deadline:.0f} µs in 99.9 % of the ticks."
 
 
-def paragraph(servo, devices, options, proxy=None):
+def paragraph(servo, devices, options, *, proxy=None):
     """Return the advice on a field: the sentence on the machine, then those on each device."""
     sentences = [machine_sentence(servo, options)]
     if proxy and not proxy.touching_share:

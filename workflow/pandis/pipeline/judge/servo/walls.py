@@ -68,11 +68,13 @@ def open_walls(exact, scale, seed):
         A control passes.
     """
     rng, body = generator(seed, WALLS), exact.body
-    contacts = draw_contacts(body, scale, POINTS, rng)
-    pressed, thin = (stratify(body, scale, PRESSED, rng, among)
+    contacts = draw_contacts(body, scale, POINTS, rng=rng)
+    pressed, thin = (stratify(body, scale, PRESSED, rng=rng, among=among)
                      for among in ("pushing", "all"))  # fmt: skip
     depth = pressed.depth(PROBE_DEPTHS["deep"])
-    probes = below(exact.engine, pressed.feet, pressed.outward, depth, pressed.wall, scale)
+    probes = below(
+        exact.engine, pressed.feet, pressed.outward, depth=depth, wall=pressed.wall, scale=scale
+    )
     walls = Walls(contacts, pressed, probes, thin)
     tried = {c.name: compare(c, walls)
              for c in controls(exact, scale)}  # fmt: skip
@@ -99,7 +101,7 @@ def compare(field, walls):
     scale = probes.scale
     ghost_n = far_ghosts(field.answer, probes.engine, scale)
     force = force_at(probes.points)
-    gone = probes.judged & missing(force, probes.force, probes.wall, scale.newtons)
+    gone = probes.judged & missing(force, probes.force, probes.wall, newtons=scale.newtons)
     verdict = WallVerdict(
         **figures, left_out=walls.contacts.left_out, points=len(full.points),
         pressed_missing=int(gone.sum()), ghost_n=ghost_n, holds=False,

@@ -63,7 +63,7 @@ def otherness(answer, contacts):
     }
 
 
-def holding(answer, places, scale, device):
+def holding(answer, places, scale, *, device):
     """Return the largest force (n,), N, that resists a straight push inward from surface points.
 
     The push ends where no force resists it, or somewhat deeper than the depth at which an exact
@@ -87,15 +87,15 @@ def holding(answer, places, scale, device):
     return np.where(broken, 0.0, against).max(axis=1) * scale.newtons
 
 
-def wanted_force(exact, places, scale, device):
+def wanted_force(exact, places, scale, *, device):
     """Return the force (n,), N, that walls must hold.
 
     It is 0.9 of what the exact walls hold, or the device's largest force if that is less.
     """
-    return np.minimum(HOLDS * holding(exact, places, scale, device), device.force_limit)
+    return np.minimum(HOLDS * holding(exact, places, scale, device=device), device.force_limit)
 
 
-def hold(answer, places, force, scale, device):
+def hold(answer, places, force, *, scale, device):
     """Measure the area of walls that give way before the exact ones do at the same point.
 
     Parameters
@@ -114,7 +114,7 @@ def hold(answer, places, force, scale, device):
         they hold less than half and, away from walls, at least 0.05 N less; ``of_exact``: the
         smallest share of ``force`` that a wall holds; ``limit``, ``broken_limit``, ``passed``.
     """
-    forces = holding(answer, places, scale, device)
+    forces = holding(answer, places, scale, device=device)
     share = forces / np.maximum(force, 1e-12)
     short = force - forces >= np.where(places.wall, ROUNDING, JUDGED)
     early = float(places.weight[share < 1 - 1e-6].sum())

@@ -7,16 +7,17 @@ encoder). Kinks and seams of the field lower this limit.
 """
 
 from collections import deque
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
 from scipy.linalg import expm
 from scipy.ndimage import uniform_filter1d
 
-from pandis.base.arrays import Points
 from pandis.base.forces import penalty_force
+from pandis.base.physical import Scale
 from pandis.engine.mass import mass_steps
-from pandis.pipeline.judge.stress.physical import TICK
+from pandis.pipeline.judge.stress.physical import TICK, Device
 
 #: Stiffnesses that are tried, as multiples of the requested one.
 LADDER = 2 ** (np.arange(-6, 11) / 2)
@@ -63,9 +64,9 @@ class Mass:
         after = expm(state * dt)
         self._oscillator = [*after[0], *after[1], device.friction, device.hand_stiffness, dt]
 
-    def step(self, position, speed, push, steps=1):
+    def step(self, position, speed, push, *, steps=1):
         """Return positions and speeds (n, 3) after ``steps`` under pushes (n, 3)."""
-        return mass_steps(self._oscillator, position, speed, push, steps)
+        return mass_steps(self._oscillator, position, speed, push=push, steps=steps)
 
 
 class Press(NamedTuple):
@@ -92,29 +93,32 @@ class Press(NamedTuple):
         return (self.swing < QUIET) & (self.share >= HOLDS)
 
 
-def simulate(
-    answer,
-    points: Points,
-    normals: Points,
-    stiffness,
-    scale,
-    device,
-    press,
-    ticks=TICKS,
-    start=START,
-):
+class Loop(NamedTuple):
+    """A field in a control loop with a device.
+
+    Attributes
+    ----------
+    answer : callable
+        Returns (distance, normal) at points (n, 3), unit frame.
+    scale : pandis.base.physical.Scale
+    device : pandis.pipeline.judge.stress.physical.Device
+    """
+
+    answer: Callable
+    scale: Scale
+    device: Device
+
+
+def simulate(loop, places, stiffness, *, press, ticks=TICKS, start=START):
     """Press a device onto surface points.
 
     Parameters
     ----------
-    answer : callable
-        Returns (distance, normal) at points (n, 3), unit frame.
-    points, normals : ndarray, shape (n, 3), unit frame
+    loop : Loop
+    places : tuple of ndarray, shape (n, 3), unit frame
         Surface points, and the outward normals against which the hand presses.
     stiffness : ndarray, shape (n,)
         Stiffness at each point, N/m.
-    scale : pandis.base.physical.Scale
-    device : pandis.pipeline.judge.stress.physical.Device
     press : ndarray, shape (n,)
         Force with which the hand presses, N.
     ticks : int
@@ -125,6 +129,7 @@ def simulate(
     -------
     Press
     """
+    (answer, scale, device), (points, normals) = loop, places
     mass = Mass(device, TICK / _SUBSTEPS)
     position, speed = start * normals, np.zeros_like(normals)
     pressing = -press[:, None] * normals
@@ -140,7 +145,7 @@ def simulate(
         late.append(force)
         force = late.popleft()
         before = position
-        position, speed = mass.step(position, speed, force + pressing, _SUBSTEPS)
+        position, speed = mass.step(position, speed, force + pressing, steps=_SUBSTEPS)
         energy -= (force * (position - before)).sum(axis=1)
         if tick >= ticks * 2 // 3:
             path.append(position)
@@ -161,31 +166,24 @@ def shaking(path, period=TICK):
     return np.linalg.norm(np.ptp(fast[mean:-mean], axis=0), axis=-1)
 
 
-def stable_stiffness(answer, places, force, scale, device):
+def stable_stiffness(loop, places, force):
     """Return the largest stiffness of the ladder up to which the share CALM of the area is calm.
 
     The pressing force is the hand's, or half of what walls must hold at that stiffness if this is
     less. ``force`` is for the requested stiffness. A missing wall does not shake, but holds
     nothing, so it does not count as calm.
     """
-    count, ladder = len(places.feet), LADDER * scale.stiffness
+    count, ladder = len(places.feet), LADDER * loop.scale.stiffness
     holds = _HARD * np.outer(LADDER, force).ravel()
-    press = np.minimum(device.press, holds)
-    runs = simulate(
-        answer,
-        np.tile(places.feet, (len(LADDER), 1)),
-        np.tile(places.outward, (len(LADDER), 1)),
-        np.repeat(ladder, count),
-        scale,
-        device,
-        press,
-    )
+    press = np.minimum(loop.device.press, holds)
+    repeated = [np.tile(part, (len(LADDER), 1)) for part in (places.feet, places.outward)]
+    runs = simulate(loop, repeated, np.repeat(ladder, count), press=press)
     calm = runs.calm.reshape(len(LADDER), count) @ places.weight >= CALM
     steps = int(np.logical_and.accumulate(calm).sum())
     return float(ladder[steps - 1]) if steps else 0.0
 
 
-def presses(answer, places, force, scale, device):
+def presses(loop, places, force):
     """Press with half of what walls must hold: once capped at the hand's force, once uncapped.
 
     Returns
@@ -193,25 +191,18 @@ def presses(answer, places, force, scale, device):
     ndarray, shape (2, n), bool
         Whether each press stays calm at the requested stiffness.
     """
-    press = np.concatenate([np.minimum(device.press, _HARD * force), _HARD * force])
-    stiffness = np.full(len(press), scale.stiffness)
-    return simulate(
-        answer,
-        np.tile(places.feet, (2, 1)),
-        np.tile(places.outward, (2, 1)),
-        stiffness,
-        scale,
-        device,
-        press,
-    ).calm.reshape(2, -1)
+    press = np.concatenate([np.minimum(loop.device.press, _HARD * force), _HARD * force])
+    stiffness = np.full(len(press), loop.scale.stiffness)
+    repeated = [np.tile(part, (2, 1)) for part in (places.feet, places.outward)]
+    return simulate(loop, repeated, stiffness, press=press).calm.reshape(2, -1)
 
 
-def closed_loop(answer, places, force, calm, rests, scale, device):
+def closed_loop(loop, places, force, *, calm, rests):
     """Measure where a device in a hand shakes or goes through, and the largest stable stiffness.
 
     Parameters
     ----------
-    answer : callable
+    loop : Loop
     places : pandis.pipeline.geometry.places.Stratified
     force : ndarray, shape (n,)
         Force that walls must hold, N: see `pandis.pipeline.judge.stress.contact.wanted_force`.
@@ -220,8 +211,6 @@ def closed_loop(answer, places, force, calm, rests, scale, device):
         through, no field fails.
     rests : float
         The exact field's largest stable stiffness.
-    scale : pandis.base.physical.Scale
-    device : pandis.pipeline.judge.stress.physical.Device
 
     Returns
     -------
@@ -231,10 +220,10 @@ def closed_loop(answer, places, force, calm, rests, scale, device):
         largest stable stiffness; ``least_n_m``: the requested
         stiffness, or ``rests`` if that is less; ``limit``; ``passed``.
     """
-    pressed = presses(answer, places, force, scale, device)
+    pressed = presses(loop, places, force)
     restless = float(((calm & ~pressed) * places.weight).sum(axis=1).max())
-    stable = stable_stiffness(answer, places, force, scale, device)
-    least = float(min(scale.stiffness, rests))
+    stable = stable_stiffness(loop, places, force)
+    least = float(min(loop.scale.stiffness, rests))
     passed = bool(restless <= ALLOWED and stable >= least)
     return {
         "restless": restless,

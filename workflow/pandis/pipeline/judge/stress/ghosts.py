@@ -20,7 +20,7 @@ _HALVINGS = 3
 _MOST = 100_000
 
 
-def ghosts(answer, body, count, scale, rng):
+def ghosts(answer, body, count, *, scale, rng):
     """Measure forces in free space, and missing forces anywhere inside.
 
     Parameters

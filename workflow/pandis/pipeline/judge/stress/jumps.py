@@ -20,7 +20,7 @@ WORST, RARE = 5.0, 1e-4
 NEARBY = 10
 
 
-def jumps(answer, exact, shell, along, scale, device):
+def jumps(answer, exact, shell, *, along, scale, device):
     """Measure the changes of the force over short moves.
 
     Parameters
@@ -45,14 +45,14 @@ def jumps(answer, exact, shell, along, scale, device):
     figures = {}
     for name, way in {"encoder": device.encoder, **WAYS}.items():
         part = slice(None, None, 1 if name == _COUNTED else 10)
-        change = _changes(answer, shell.points[part], along[part], way * scale.metre)
+        change = _changes(answer, shell.points[part], along[part], way=way * scale.metre)
         figures |= _change_figures(name, change * scale.newtons)
         if name == _COUNTED:
             flat = way * scale.metre
-            exactly = _changes(exact, shell.points, along, flat)
+            exactly = _changes(exact, shell.points, along, way=flat)
             figures |= _change_figures("exact", exactly * scale.newtons)
-            reference = _nearby(exact, shell.points, along, flat, exactly)
-            share = excess(change, reference, STEEP * flat, shell.weight)
+            reference = _nearby(exact, shell.points, along, way=flat, exactly=exactly)
+            share = excess(change, reference, STEEP * flat, weight=shell.weight)
             worst = _upper(change - reference, shell.weight, RARE)
     passed = share <= ALLOWED and worst <= WORST * flat
     worst_n = float(worst * scale.newtons)
@@ -69,14 +69,14 @@ def _change_figures(name, change):
     return {f"{name}_{level}": float(value) for level, value in levels.items()}
 
 
-def _nearby(exact, points, along, way, exactly):
+def _nearby(exact, points, along, *, way, exactly):
     """Return how much (n,) the exact force changes over a longer move, beyond a flat wall's share.
 
     The longer move has the same middle and is NEARBY times as long. What a flat wall adds over the
     extra length is subtracted. The result is at least ``exactly``, the change over the move itself.
     """
     middle = points + way / 2 * along
-    whole = _changes(exact, middle - NEARBY * way / 2 * along, along, NEARBY * way)
+    whole = _changes(exact, middle - NEARBY * way / 2 * along, along, way=NEARBY * way)
     return np.maximum(whole - (NEARBY - 1) * way, exactly)
 
 
@@ -86,7 +86,7 @@ def _upper(values, weight, share):
     return values[order[np.searchsorted(np.cumsum(weight[order]), share)]]
 
 
-def _changes(answer, points, along, way):
+def _changes(answer, points, along, *, way):
     ends = np.concatenate([points, points + way * along])
     one, other = np.split(penalty_force(*answer(ends)), 2)
     return np.linalg.norm(other - one, axis=1)

@@ -21,7 +21,7 @@ class Shell(NamedTuple):
     weight: np.ndarray
 
 
-def shell_points(places, count, deepest, rng):
+def shell_points(places, count, deepest, *, rng):
     """Return about ``count`` points at random depths below stratified places.
 
     Parameters
@@ -45,7 +45,7 @@ def directions(count, rng):
     return along / np.linalg.norm(along, axis=1, keepdims=True)
 
 
-def excess(value: Values, reference: Values, floor, weight: Values, more=1.1):
+def excess(value: Values, reference: Values, floor, *, weight: Values, more=1.1):
     """Return the share of the area where a value is above a floor, and above the exact field's.
 
     Parameters

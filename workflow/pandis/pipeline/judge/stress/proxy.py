@@ -133,7 +133,7 @@ def press_all(follow, places, scale):
     return Presses(push, creeps)
 
 
-def holds(follow, places, exact, scale):
+def holds(follow, places, exact, *, scale):
     """Measure the area that, through a proxy, holds a hand less than the exact field does.
 
     Thin walls are tested too: what a proxy holds does not depend on a wall's thickness. Strips
@@ -163,7 +163,7 @@ def holds(follow, places, exact, scale):
     return shares | {"worst": max(shares.values()), "limit": MISSING_LIMIT, "passed": passed}
 
 
-def keeps(follow, engine, paths, device):
+def keeps(follow, engine, paths, *, device):
     """Lead a hand twice around closed loops, without friction, and judge the second round.
 
     Parameters
@@ -197,7 +197,7 @@ def keeps(follow, engine, paths, device):
     return {"push_n": push, "limit": limit, "passed": bool(push <= limit)}
 
 
-def stays(follow, engine, error, path, scale):
+def stays(follow, engine, error, *, path, scale):
     """Follow a long smooth path into walls and out of them, and judge forces and proxies.
 
     Parameters
@@ -268,6 +268,6 @@ def surface_error(field, contacts):
     """
     probes = contacts.pressed
     force = penalty_force(*field.answer(probes.points))
-    gone = missing(force, probes.force, probes.wall, probes.scale.newtons)
+    gone = missing(force, probes.force, probes.wall, newtons=probes.scale.newtons)
     feet = (probes.points - probes.distance[:, None] * probes.normal)[~gone]
     return float(np.abs(field.answer(feet)[0]).max(initial=0))

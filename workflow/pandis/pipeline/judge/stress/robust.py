@@ -36,7 +36,7 @@ def walk(count, rng):
         place = path[-1]
 
 
-def endurance(answer, count, rng, report):
+def endurance(answer, count, rng, *, report):
     """Query a random walk of ``count`` ticks, and its first points again at the end.
 
     Returns
@@ -97,7 +97,7 @@ def invariance(field, shell):
     return {"distance": off, "changed": changed, "limit": SAME, "passed": passed}
 
 
-def precision(answer, exact, shell, scale):
+def precision(answer, exact, shell, *, scale):
     """Measure how the force changes if points are rounded to float32, as host programs may do.
 
     Returns
@@ -115,7 +115,7 @@ def precision(answer, exact, shell, scale):
     )
     flat = STEEP * np.linalg.norm(points - rounded, axis=1).max()
     # allow for fields that compute in float32: they round relative to their values
-    changed = excess(change, reference, max(flat, 2**-18), shell.weight)
+    changed = excess(change, reference, max(flat, 2**-18), weight=shell.weight)
     return {
         "changed": changed,
         "newtons": float(change.max() * scale.newtons),
@@ -124,7 +124,7 @@ def precision(answer, exact, shell, scale):
     }
 
 
-def special_points(vertices, faces, places, thickness):
+def special_points(vertices, faces, places, *, thickness):
     """Return points (n, 3), unit frame, at which a field may fail.
 
     These are vertices and middles of edges and faces of the mesh, points of the medial axis below

@@ -21,7 +21,7 @@ def jacobians(answer, points: Points, step) -> Matrices:
     return ((force[:, 0] - force[:, 1]) / step).transpose(0, 2, 1)
 
 
-def stiffness(answer, exact, shell, scale, device):
+def stiffness(answer, exact, shell, *, scale, device):
     """Measure the local stiffness over a step of the encoder.
 
     Parameters
@@ -49,7 +49,7 @@ def stiffness(answer, exact, shell, scale, device):
     reference = np.maximum(here, NEARBY * nearby - (NEARBY - 1))
     size = np.linalg.norm(slopes, axis=(1, 2))
     odd = np.linalg.norm(slopes - slopes.transpose(0, 2, 1), axis=(1, 2))
-    steep = excess(largest, reference, STEEP, shell.weight)
+    steep = excess(largest, reference, STEEP, weight=shell.weight)
     p50, p99 = np.percentile(largest, [50, 99]) * scale.stiffness
     return {
         "p50_n_m": float(p50),

@@ -10,7 +10,7 @@ from pandis.pipeline.geometry.places import stratify
 from pandis.pipeline.geometry.thickness import inscribed_radius
 from pandis.pipeline.judge.controls import demand_failure
 from pandis.pipeline.judge.stress.contact import absence, hold, otherness, wanted_force
-from pandis.pipeline.judge.stress.coupled import closed_loop, presses, stable_stiffness
+from pandis.pipeline.judge.stress.coupled import Loop, closed_loop, presses, stable_stiffness
 from pandis.pipeline.judge.stress.ghosts import ghosts
 from pandis.pipeline.judge.stress.jumps import jumps
 from pandis.pipeline.judge.stress.physical import Device
@@ -178,33 +178,34 @@ class Suite:
     seed : int
     """
 
-    def __init__(self, body, scale, options, seed):
+    def __init__(self, body, scale, options, *, seed):
         self.body, self.scale, self.options, self.seed = body, scale, options, seed
         self.engine = engine = body.distance
         self.device = Device(*(getattr(options, key) for key in Device._fields))
         rng = streams.generator(seed, streams.PLACES)
-        self.contacts = draw_contacts(body, self.scale, CONTACTS, rng)
+        self.contacts = draw_contacts(body, self.scale, CONTACTS, rng=rng)
         places = self._places(PLACES, rng)
         self.loops = loops(self._places(options.loops, rng), engine, rng)
         deepest = self.device.force_limit / self.scale.newtons
-        self.shell = shell_points(places, SHELL, deepest, rng)
-        self.ways = shell_points(places, WAYS, deepest, rng)
+        self.shell = shell_points(places, SHELL, deepest, rng=rng)
+        self.ways = shell_points(places, WAYS, deepest, rng=rng)
         self.along = directions(len(self.ways.points), rng)
         self.pushed = self._places(PUSHED, rng, "judged")
         self.pressed = self._places(PRESSED, rng)
         self.exact_force = {
-            name: wanted_force(self.exact, places, self.scale, self.device)
+            name: wanted_force(self.exact, places, self.scale, device=self.device)
             for name, places in (("pushed", self.pushed), ("pressed", self.pressed))
         }
         force, device = self.exact_force["pressed"], self.device
-        self.calm = presses(self.exact, self.pressed, force, self.scale, device)
-        self.rests = stable_stiffness(self.exact, self.pressed, force, self.scale, device)
+        loop = Loop(self.exact, self.scale, device)
+        self.calm = presses(loop, self.pressed, force)
+        self.rests = stable_stiffness(loop, self.pressed, force)
         #: Inscribed radius at the points pushed into, without an upper bound.
         self.thickness = inscribed_radius(engine, self.pushed.feet, self.pushed.outward)
-        self.odd = special_points(body.corners, body.faces, self.pushed, self.thickness)
+        self.odd = special_points(body.corners, body.faces, self.pushed, thickness=self.thickness)
 
     def _places(self, count, rng, among="pushing"):
-        return stratify(self.body, self.scale, count, rng, among)
+        return stratify(self.body, self.scale, count, rng=rng, among=among)
 
     @cached_property
     def exact_hold(self):
@@ -217,7 +218,7 @@ class Suite:
         """Return exact distance and normal as a loop does: no winding number checks the sign."""
         return self.engine.distance_and_normal(points, check=False)
 
-    def ask(self, field, progress, first=False, only=tuple(QUESTIONS)):
+    def ask(self, field, progress, first=False, *, only=tuple(QUESTIONS)):
         """Ask all questions about one field.
 
         Parameters
@@ -259,9 +260,9 @@ class Suite:
         rng, engine = streams.generator(self.seed, streams.WANDER), self.engine
         way = wander(self.pushed, rng)
         return {
-            "holds": holds(follow, self.pushed, self.exact_hold, self.scale),
-            "keeps": keeps(follow, engine, self.loops, self.device),
-            "stays": stays(follow, engine, error, way, self.scale),
+            "holds": holds(follow, self.pushed, self.exact_hold, scale=self.scale),
+            "keeps": keeps(follow, engine, self.loops, device=self.device),
+            "stays": stays(follow, engine, error, path=way, scale=self.scale),
         }
 
     def _questions(self, field, progress):
@@ -273,30 +274,32 @@ class Suite:
         return {
             "missing": lambda: absence(answer, self.contacts),
             "other": lambda: otherness(answer, self.contacts),
-            "hold": lambda: hold(answer, self.pushed, self.exact_force["pushed"], scale, device),
-            "contacts": lambda: ghosts(answer, self.body, BESIDE, scale, rng),
-            "work": lambda: work(answer, exact, self.loops, scale, device),
-            "stiffness": lambda: stiffness(answer, exact, self.shell, scale, device),
-            "jumps": lambda: jumps(answer, exact, self.ways, self.along, scale, device),
+            "hold": lambda: hold(
+                answer, self.pushed, self.exact_force["pushed"], scale=scale, device=device
+            ),
+            "contacts": lambda: ghosts(answer, self.body, BESIDE, scale=scale, rng=rng),
+            "work": lambda: work(answer, exact, self.loops, scale=scale, device=device),
+            "stiffness": lambda: stiffness(answer, exact, self.shell, scale=scale, device=device),
+            "jumps": lambda: jumps(
+                answer, exact, self.ways, along=self.along, scale=scale, device=device
+            ),
             "closed_loop": lambda: closed_loop(
-                answer,
+                Loop(answer, scale, device),
                 self.pressed,
                 self.exact_force["pressed"],
-                self.calm,
-                self.rests,
-                scale,
-                device,
+                calm=self.calm,
+                rests=self.rests,
             ),
             "invariance": lambda: invariance(field, self.shell),
-            "precision": lambda: precision(answer, exact, self.shell, scale),
+            "precision": lambda: precision(answer, exact, self.shell, scale=scale),
             "special": lambda: special(field, self.odd),
             "endurance": lambda: endurance(
-                answer, ticks, walk, progress(f"{field.name}: ticks", ticks, "ticks")
+                answer, ticks, walk, report=progress(f"{field.name}: ticks", ticks, "ticks")
             ),
         }
 
 
-def stress(fields, controls, suite, count, progress, proxies=True):
+def stress(fields, controls, suite, *, count, progress, proxies=True):
     """Ask all questions about all fields of a mesh.
 
     Parameters
@@ -331,7 +334,7 @@ def stress(fields, controls, suite, count, progress, proxies=True):
     if proxies and not failures(suite.feel(nothing, 0.0)):
         demand_failure("the stress suite of proxies", ["a proxy that nothing holds"])
 
-    answered, felt = _shared_out(plain, suite, count, progress, proxies)
+    answered, felt = _shared_out(plain, suite, count, progress=progress, proxies=proxies)
     holds = suite.thickness * suite.scale.newtons
     arrays = {"pushed": suite.pushed.feet, "holding_newtons": holds}
     record = StressRecord(
@@ -348,7 +351,7 @@ def stress(fields, controls, suite, count, progress, proxies=True):
     return arrays, record.attributes()
 
 
-def _shared_out(fields, suite, count, progress, proxies):
+def _shared_out(fields, suite, count, *, progress, proxies):
     """Ask in several processes; return answers by field, without and through a proxy."""
     slowest = sorted(fields, key=suite.pace, reverse=True)
     parts = [LONG, [question for question in QUESTIONS if question not in LONG]]

@@ -58,7 +58,7 @@ def loop_work(answer, paths):
     return (mean * way).sum(axis=(1, 2)), np.linalg.norm(way, axis=2).sum(axis=1)
 
 
-def work(answer, exact, paths, scale, device):
+def work(answer, exact, paths, *, scale, device):
     """Measure the work around loops.
 
     The exact force does no work, but where it jumps, the sum over steps is not zero. A field may

@@ -8,9 +8,8 @@ import numpy as np
 
 from pandis.base.frame import UNIT, Frame
 from pandis.base.physical import Scale
-from pandis.pipeline.geometry.distance import MeshDistance
+from pandis.pipeline.geometry.body import Body
 from pandis.pipeline.geometry.points import Points
-from pandis.pipeline.geometry.sampling import Surface
 from pandis.pipeline.geometry.shapes import SHAPES
 from pandis.pipeline.kinds.native import native_bytes
 from pandis.pipeline.run.ask.kinds import KINDS, kind_module
@@ -29,7 +28,6 @@ class Torus(NamedTuple):
     Attributes
     ----------
     points : pandis.pipeline.geometry.points.Points
-    frame : pandis.base.frame.Frame
     band : tuple of float
         See `pandis.pipeline.kinds.band.Band`.
     cuts : tuple
@@ -38,7 +36,6 @@ class Torus(NamedTuple):
     """
 
     points: Points
-    frame: Frame = UNIT
     band: tuple = (0.045, 0.02)
     cuts: tuple = ((24, 12), (192, 96), (768, 384))
     progress: object = silent_progress
@@ -58,10 +55,9 @@ def calibrate(progress):
     """
     vertices, faces = SHAPES["torus"].tessellation()
     frame = Frame.of_bounds(vertices.min(axis=0), vertices.max(axis=0))
-    engine = MeshDistance(frame.to_unit(vertices), faces)
-    surface = Surface(engine.vertices, engine.faces)
-    points = surface.draw(QUERIES, np.random.default_rng(0))[0] * 0.99
-    torus = Torus(Points(surface, engine, Scale.of(DeviceOptions()), 0))
+    body = Body(frame.to_unit(vertices), faces, UNIT)
+    points = body.surface.draw(QUERIES, np.random.default_rng(0))[0] * 0.99
+    torus = Torus(Points(body, Scale.of(DeviceOptions()), 0))
     kinds = [name for name, kind in KINDS.items() if kind.chosen]
     cases = [case for name in kinds for case in kind_module(name, "choice").timed(torus)]
     report, rows = progress("fields", len(cases), "fields"), []

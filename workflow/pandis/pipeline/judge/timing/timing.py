@@ -23,16 +23,19 @@ _IN_C = "C, called from Python"
 ANYWHERE, TRIES = 2000, 3
 
 
-def time_fields(fields, exports, natives, body, points, options, progress):
+def _of_format(files, suffix):
+    return [path for path in files if path.suffix == suffix]
+
+
+def time_fields(fields, files, body, *, points, options, progress):
     """Time every field of a mesh along its trajectory.
 
     Parameters
     ----------
     fields : list of pandis.pipeline.kinds.field.Field
         Fields that are timed when called from Python.
-    exports : list of Path
-        ``{field}.onnx``: run by ONNX Runtime on one thread, as a user's program would.
-    natives : list of Path
+    files : list of Path
+        ``{field}.onnx``: run by ONNX Runtime on one thread, as a user's program would;
         ``{field}.pandis``: run by ``pandis.h``, timed in C.
     body : pandis.pipeline.geometry.body.Body
     points : ndarray, shape (m, 3), unit frame
@@ -50,21 +53,21 @@ def time_fields(fields, exports, natives, body, points, options, progress):
     answers = [(f.name, f.distance_and_normal, _IN_C, counts) for f in fields]
     if body.can_be_scanned:
         answers.append((BRUTE, body.scan, _IN_C, BRUTE_COUNTS))
-    for path in exports:
+    for path in _of_format(files, ".onnx"):
         answer = Session(path).distance_and_normal
         answers.append((path.stem, answer, "ONNX Runtime, 1 thread", counts))
     arrays, figures = {}, {}
     report = progress("fields", len(answers), "fields")
     for index, (name, answer, engine, counts) in enumerate(answers):
         queries, batch, repeats = counts
-        single, batched = time_queries(answer, points, queries, batch, repeats)
+        single, batched = time_queries(answer, points, queries, batch=batch, repeats=repeats)
         arrays |= {f"single_{name}": single, f"batch_{name}": batched}
         figures[name] = summarise(single, batched) | {"engine": engine}
         if options.cold:
             cold = arrays[f"cold_{name}"] = time_cold(answer, points, options.cold)
             figures[name]["cold_p50_us"] = float(np.median(cold) * 1e6)
         report.update(index + 1)
-    for path in natives:
+    for path in _of_format(files, ".pandis"):
         seconds_of, quantiles = time_native(NativeField(path), points, options)
         arrays |= {f"{way}_{path.stem}": seconds for way, seconds in seconds_of.items()}
         figures.setdefault(path.stem, {}).update(quantiles)
@@ -105,7 +108,7 @@ def time_native(field, points, options):
     return arrays, figures
 
 
-def time_program(path, mesh, points, options, figures, log):
+def time_program(path, mesh, points, *, options, figures, log):
     """Time a network as the paper does, from a C++ program on LibTorch.
 
     Parameters
@@ -146,7 +149,7 @@ def time_program(path, mesh, points, options, figures, log):
     return {f"libtorch_{name}": seconds}
 
 
-def time_queries(answer, points, queries, batch, repeats):
+def time_queries(answer, points, queries, *, batch, repeats):
     """Time single queries and batches of a field.
 
     Parameters

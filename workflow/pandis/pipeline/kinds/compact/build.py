@@ -13,5 +13,5 @@ def build(job):
         Some points are on the wrong side of the surface on so coarse a lattice.
     """
     body, task = Body.open(job.read("mesh", "mesh")), job.options
-    arrays, record = build_compact(body, task.bits, task.seed, job.log)
+    arrays, record = build_compact(body, task.bits, task.seed, log=job.log)
     job.write("compact", arrays, record.attributes() | body.frame.attributes())

@@ -1,6 +1,6 @@
 """Compact meshes for `fields: auto`, and the times of their queries."""
 
-from pandis.base.frame import Frame
+from pandis.base.frame import UNIT, Frame
 from pandis.pipeline.geometry.body import Body
 from pandis.pipeline.geometry.shapes import SHAPES
 from pandis.pipeline.kinds.compact.packing import pack_body, size_of
@@ -28,7 +28,7 @@ def choose(chooser):
     if slow:
         chooser.skip(name, f"{slow} with all {count:,} faces")
         return None
-    packer = Packer(chooser.body, chooser.points, chooser.options.seed, chooser.log)
+    packer = Packer(chooser.points, chooser.options.seed, chooser.log)
     candidate = packer.within(budget.bytes)
     if candidate is None:
         fits = f" that fits into {budget.bytes:,} bytes" if budget.bytes else ""
@@ -42,7 +42,7 @@ def choose(chooser):
         chooser.note(name, measured)
         return None
     seconds = chooser.time(KIND.name, candidate.field.record.faces)
-    choice = chooser.choice(name, size_of(candidate.arrays), measured, seconds)
+    choice = chooser.choice(name, size_of(candidate.arrays), measured, seconds=seconds)
     return Outcome(candidate.arrays, candidate.attributes, choice)
 
 
@@ -51,7 +51,7 @@ def timed(torus):
     for cuts in torus.cuts:
         vertices, faces = SHAPES["torus"].tessellation(*cuts)
         frame = Frame.of_bounds(vertices.min(axis=0), vertices.max(axis=0))
-        body = Body(frame.to_unit(vertices), faces, torus.frame)
+        body = Body(frame.to_unit(vertices), faces, UNIT)
         yield KIND.name, body.size, lambda body=body: _packed(body)
 
 

@@ -7,6 +7,7 @@ from pandis.pipeline.kinds.check import check_nearest
 from pandis.pipeline.kinds.compact.packing import find_originals
 from pandis.pipeline.kinds.native import FieldFile, regions_of
 from pandis.runtime.field import COMPACT
+from pandis.runtime.field.files import Parts
 
 
 class File(FieldFile):
@@ -16,7 +17,7 @@ class File(FieldFile):
 
     def parts(self):
         """See `FieldFile.parts`."""
-        return COMPACT, *file_parts(self.field.arrays, self.field.record)
+        return file_parts(self.field.arrays, self.field.record)
 
     def faces(self, body, original_faces):
         """See `FieldFile.faces`."""
@@ -41,7 +42,7 @@ class File(FieldFile):
 
 
 def file_parts(arrays, record):
-    """Return the integers, real numbers and sections of a compact mesh's ``.pandis`` file."""
+    """Return the `pandis.runtime.field.files.Parts` of a compact mesh's file."""
     wholes = [
         record.bits,
         len(arrays["branches"]) // BRANCH_BYTES,
@@ -51,4 +52,4 @@ def file_parts(arrays, record):
     ]
     sections = {"BRCH": arrays["branches"], "BLCK": arrays["blocks"], "PACK": arrays["packed"]}
     sections["BOND"] = np.array([record.deviation, record.rounding])
-    return wholes, [record.reach], sections
+    return Parts(COMPACT, wholes, [record.reach], sections)

@@ -25,7 +25,7 @@ MOST = 704
 SIDES = 1_000_000
 
 
-def build_compact(body, bits, seed, log):
+def build_compact(body, bits, seed, *, log):
     """Return the arrays and the record of a body's compact mesh, after checking its sides.
 
     Parameters
@@ -51,7 +51,7 @@ def build_compact(body, bits, seed, log):
     arrays, record = pack_body(body, bits)
     log(describe(arrays, record))
     record = limit_queries(arrays, record)
-    compare_sides(body, arrays, record, seed)
+    compare_sides(body, arrays, record, seed=seed)
     return arrays, record
 
 
@@ -116,9 +116,9 @@ def limit_queries(arrays, record):
     vertices, faces = unpack(arrays)
 
     def query(points, most):
-        return distance_and_clear(arrays, record.bits, points, most)
+        return distance_and_clear(arrays, record.bits, points, most=most)
 
-    most = least_limit(record.most, to_unit(vertices, record.bits), faces, query)
+    most = least_limit(record.most, to_unit(vertices, record.bits), faces, query=query)
     return record.model_copy(update={"most": most})
 
 
@@ -194,7 +194,7 @@ def _rounding(packed, snapped, bits):
     return float(far + inside.max() * step_of(bits))
 
 
-def compare_sides(body, arrays, record, seed):
+def compare_sides(body, arrays, record, *, seed):
     """Compare the sides that a compact mesh gives with the body's at many points.
 
     Parameters
@@ -214,9 +214,9 @@ def compare_sides(body, arrays, record, seed):
     half = SIDES // 2
     box = rng.uniform(-1, 1, (half, 3))
     engine = _mesh_distance(body)
-    near = near_surface(engine.vertices, engine.faces, half, rng)
+    near = near_surface(engine.vertices, engine.faces, half, rng=rng)
     points = np.concatenate([box, near])
-    distance, _ = distance_and_clear(arrays, record.bits, points, record.most)
+    distance, _ = distance_and_clear(arrays, record.bits, points, most=record.most)
     differ = points[engine.inside(points) != (distance < 0)]
     if not len(differ):
         return

@@ -39,16 +39,15 @@ class Packer:
 
     Parameters
     ----------
-    body : pandis.pipeline.geometry.body.Body
     points : pandis.pipeline.geometry.points.Points
-        Points of that body, on which candidates are compared.
+        Points of the body, on which candidates are compared.
     seed : int
         Seed of the points at which sides are compared.
     log : pandis.base.progress.Log
     """
 
-    def __init__(self, body, points, seed, log):
-        self.body, self.points, self.seed, self.log = body, points, seed, log
+    def __init__(self, points, seed, log):
+        self.body, self.points, self.seed, self.log = points.body, points, seed, log
         self._whole = {}
 
     def within(self, budget):
@@ -95,7 +94,7 @@ class Packer:
             self.log(f"{describe(candidate.arrays, record)}{known}")
             record = limit_queries(candidate.arrays, record)
             try:
-                compare_sides(self.body, candidate.arrays, record, self.seed)
+                compare_sides(self.body, candidate.arrays, record, seed=self.seed)
             except PandisError as wrong:
                 self.log(f"turned down: {wrong}")
                 continue
@@ -159,15 +158,14 @@ class CompactSizing:
 
     Parameters
     ----------
-    body : pandis.pipeline.geometry.body.Body
     points : pandis.pipeline.geometry.points.Points
     task : pandis.pipeline.run.ask.kind.SearchTask
     log : pandis.base.progress.Log
     """
 
-    def __init__(self, body, points, task, log):
-        self.body, self.points, self.target, self.log = body, points, task.target, log
-        self.packer = Packer(body, points, task.seed, log)
+    def __init__(self, points, task, log):
+        self.body, self.points, self.target, self.log = points.body, points, task.target, log
+        self.packer = Packer(points, task.seed, log)
 
     @cached_property
     def _limits(self):
@@ -222,5 +220,5 @@ def build(job):
         See `CompactSizing.find`.
     """
     body, task = Body.open(job.read("mesh", "mesh")), job.options
-    arrays, attributes = CompactSizing(body, points_of(body, task), task, job.log).find()
+    arrays, attributes = CompactSizing(points_of(body, task), task, job.log).find()
     job.write("compact", arrays, attributes | body.frame.attributes())

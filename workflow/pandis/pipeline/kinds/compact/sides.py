@@ -53,7 +53,7 @@ def find_sides(vertices, faces):
     corners, edges = known[: len(vertices)], known[len(vertices) :].reshape(-1, 3)
     corners[faces[wrong]] = BY_RAY
     edges[touched[faces] & touched[np.roll(faces, -1, axis=1)]] = BY_RAY
-    corners = _with_edges(corners, edges, faces, normal)
+    corners = _with_edges(corners, edges, faces, normal=normal)
     return Sides(corners, edges, np.where(wrong, BY_RAY, BY_FACE).astype(np.uint8))
 
 
@@ -71,7 +71,7 @@ def _folded(faces, normal, low):
     return folded
 
 
-def _with_edges(corners, edges, faces, normal):
+def _with_edges(corners, edges, faces, *, normal):
     """Return the sides of corners, made consistent with those of their edges.
 
     Because of rounding in single precision, a corner can be found nearest to a distant point

@@ -36,7 +36,7 @@ class Compact(Kind):
         match = re.fullmatch(rf"{self.name}-([1-9]\d*|auto)", name)
         if not match:
             return None
-        bits = AUTO if match[1] == AUTO else check_size(name, match[1], *BITS, "bits")
+        bits = AUTO if match[1] == AUTO else check_size(name, match[1], BITS, unit="bits")
         return FieldSpec(name, self.name, self.name, name, bits)
 
     def sized_options(self, job, spec):

@@ -1,6 +1,6 @@
 """The exact field for `fields: auto`, and the times of its queries."""
 
-from pandis.base.frame import Frame
+from pandis.base.frame import UNIT, Frame
 from pandis.pipeline.geometry.body import Body
 from pandis.pipeline.geometry.shapes import SHAPES
 from pandis.pipeline.kinds.exact.spec import KIND
@@ -35,5 +35,5 @@ def timed(torus):
     for cuts in (None, *torus.cuts):
         vertices, faces = SHAPES["torus"].tessellation(*(cuts or ()))
         frame = Frame.of_bounds(vertices.min(axis=0), vertices.max(axis=0))
-        body = Body(frame.to_unit(vertices), faces, torus.frame, None if cuts else "torus")
+        body = Body(frame.to_unit(vertices), faces, UNIT, shape=None if cuts else "torus")
         yield KIND.name, body.size, lambda body=body: ExactField(KIND.name, body)

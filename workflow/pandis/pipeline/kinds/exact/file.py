@@ -8,6 +8,7 @@ from pandis.pipeline.kinds.check import check_nearest
 from pandis.pipeline.kinds.limits import least_limit
 from pandis.pipeline.kinds.native import FieldFile, regions_of
 from pandis.runtime.field import MESH, SHAPE, SHAPES, NativeField
+from pandis.runtime.field.files import Parts
 
 #: Maximum number of nodes, leaves and faces that a query visits: about a tenth of a tick's time,
 #: and enough for every query on scans. The limit is raised if half of it would cut a query next to
@@ -31,7 +32,7 @@ class File(FieldFile):
         if self.shape:
             names = self.shape.__dataclass_fields__
             sizes = np.ravel([getattr(self.shape, name) for name in names]).tolist()
-            return SHAPE, [SHAPES.index(type(self.shape).__name__.lower())], sizes, {}
+            return Parts(SHAPE, [SHAPES.index(type(self.shape).__name__.lower())], sizes, {})
         engine = self.field.engine
         sections = engine.tree_parts()
         counts = [
@@ -40,7 +41,7 @@ class File(FieldFile):
             len(sections["TREE"]) // NODE_BYTES,
             len(sections["LEAF"]) // LEAF_BYTES,
         ]
-        return MESH, [*counts, self._most or self._least()], [engine.reach], sections
+        return Parts(MESH, [*counts, self._most or self._least()], [engine.reach], sections)
 
     def _least(self):
         """Return the limit on nodes, leaves and faces per query: see `least_limit`."""
@@ -51,7 +52,7 @@ class File(FieldFile):
             answer, clear = native.query_within(frame.to_mesh(points), np.inf)
             return answer.distance, clear
 
-        return least_limit(MOST, engine.vertices, engine.faces, query)
+        return least_limit(MOST, engine.vertices, engine.faces, query=query)
 
     def faces(self, body, original_faces):
         """See `FieldFile.faces`."""

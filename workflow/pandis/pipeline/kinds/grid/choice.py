@@ -10,7 +10,7 @@ _TIMED = (16, 64, 128)
 def choose(chooser):
     """Try grids of all readings together, from few bytes to many: see `pandis.pipeline.kinds`."""
     makers = [
-        GridMaker(form, chooser.points, chooser.body.frame, chooser.options.band, chooser.progress)
+        GridMaker(form, chooser.points, chooser.options.band, progress=chooser.progress)
         for form in TRIED
     ]
     return chooser.first(makers, "{form}-{size}")
@@ -19,6 +19,6 @@ def choose(chooser):
 def timed(torus):
     """See `pandis.pipeline.kinds`."""
     for form in TRIED:
-        maker = GridMaker(form, torus.points, torus.frame, torus.band, torus.progress)
+        maker = GridMaker(form, torus.points, torus.band, progress=torus.progress)
         for size in _TIMED:
             yield form, size, lambda maker=maker, size=size: maker.make(size).field

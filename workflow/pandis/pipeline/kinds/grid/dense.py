@@ -52,11 +52,11 @@ class DenseGrid:
     progress : pandis.base.progress.Progress
     """
 
-    def __init__(self, engine, content, size, band, progress):
+    def __init__(self, engine, content, size, *, band, progress):
         self.content, self.size, self.band = content.removesuffix(BOX), size, Band(*band)
         boxed = content.endswith(BOX)
         self.axes = Axes.of_bounds(size, engine) if boxed else Axes.of_cube(size)
-        cells, signs = find_cells(engine, size, self.band, self.axes.low, self.axes.step)
+        cells, signs = find_cells(engine, size, self.band, low=self.axes.low, step=self.axes.step)
         needed = needed_nodes(cells, size, REACH[self.content])
         self.inside = _inside_nodes(signs)
         self.nodes = np.flatnonzero(needed.reshape(-1))

@@ -7,6 +7,7 @@ from pandis.pipeline.kinds.axes import Axes
 from pandis.pipeline.kinds.check import FORCE_LENGTH
 from pandis.pipeline.kinds.native import FieldFile
 from pandis.runtime.field import GRID, RULES
+from pandis.runtime.field.files import Parts
 
 
 class File(FieldFile):
@@ -26,7 +27,7 @@ class File(FieldFile):
         covered = np.packbits(field.covered.ravel())
         sections = {"NODE": field.nodes.astype(np.float32), "COVR": covered}
         corners = (*field.axes.low, *field.axes.high) if self._boxed else ()
-        return GRID, (RULES.index(field.rule), len(field.values)), corners, sections
+        return Parts(GRID, (RULES.index(field.rule), len(field.values)), corners, sections)
 
     def direction_length(self, field, points):
         """See `FieldFile.direction_length`."""

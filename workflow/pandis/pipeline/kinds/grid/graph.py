@@ -23,60 +23,60 @@ def grid_graph(field):
     Graph
     """
     graph = Graph()
-    clamped, outside = enter(graph, field.frame, field.axes.low, field.axes.high)
+    clamped, outside = enter(graph, field.frame, field.axes.low, high=field.axes.high)
     if field.rule == "tricubic":
-        distance, gradient = tricubic(graph, field.lattice, field.coefficients, clamped)
-        leave(graph, field.frame, graph.apply("Add", distance, outside), gradient)
+        distance, gradient = tricubic(graph, field.lattice, field.coefficients, clamped=clamped)
+        leave(graph, field.frame, graph.apply("Add", distance, outside), vector=gradient)
         return graph
     if field.rule == "trilinear-gradient":
         distance, gradient = _own_gradient(graph, field, clamped)
-        leave(graph, field.frame, graph.apply("Add", distance, outside), gradient)
+        leave(graph, field.frame, graph.apply("Add", distance, outside), vector=gradient)
         return graph
-    value = _interpolate(graph, field, field.rule == "nearest", clamped)
+    value = _interpolate(graph, field, field.rule == "nearest", clamped=clamped)
     if field.content == "force":
         # no force outside the box; the vector is the penetration vector: its length is the depth
         away = graph.apply("Greater", outside, graph.scalar(0.0))
         column = graph.apply("Unsqueeze", away, graph.constant("last", np.array([1], np.int64)))
         value = graph.apply("Where", column, graph.scalar(0.0), value)
         depth = graph.apply("ReduceL2", value, axes=[1], keepdims=0)
-        leave(graph, field.frame, graph.apply("Neg", depth), value)
+        leave(graph, field.frame, graph.apply("Neg", depth), vector=value)
     else:
         distance = graph.apply("Slice", value, *_columns(graph, 0, 1))
         flat = graph.apply("Squeeze", distance, graph.constant("one", np.array([1], np.int64)))
         vector = graph.apply("Slice", value, *_columns(graph, 1, 4))
-        leave(graph, field.frame, graph.apply("Add", flat, outside), vector)
+        leave(graph, field.frame, graph.apply("Add", flat, outside), vector=vector)
     return graph
 
 
-def _interpolate(graph, field, nearest, clamped):
+def _interpolate(graph, field, nearest, *, clamped):
     """Add the nearest node or the trilinear interpolation; return the value's name."""
     node, position = _nodes(graph, field, clamped)
     if nearest:
         half = graph.apply("Add", position, graph.scalar(0.5, np.float64))
         return node(graph.apply("Floor", half))
-    corner, (tx, ty, tz) = _corners(graph, len(field.values), node, position)
+    corner, (tx, ty, tz) = _corners(graph, len(field.values), node, position=position)
     planes = []
     for c in (0, 1):
-        lines = [_mix(graph, corner(0, b, c), corner(1, b, c), tx) for b in (0, 1)]
-        planes.append(_mix(graph, *lines, ty))
-    return _mix(graph, *planes, tz)
+        lines = [_mix(graph, [corner(a, b, c) for a in (0, 1)], tx) for b in (0, 1)]
+        planes.append(_mix(graph, lines, ty))
+    return _mix(graph, planes, tz)
 
 
 def _own_gradient(graph, field, clamped):
     """Add the trilinear interpolation of distances; return it (n,) and its gradient (n, 3)."""
     node, position = _nodes(graph, field, clamped)
-    corner, (tx, ty, tz) = _corners(graph, len(field.values), node, position)
+    corner, (tx, ty, tz) = _corners(graph, len(field.values), node, position=position)
     c = {offset: corner(*offset) for offset in np.ndindex(2, 2, 2)}
     pairs = [(b, d) for b in (0, 1) for d in (0, 1)]
-    line = {(b, d): _mix(graph, c[0, b, d], c[1, b, d], tx) for b, d in pairs}
+    line = {(b, d): _mix(graph, (c[0, b, d], c[1, b, d]), tx) for b, d in pairs}
     rise = {(b, d): graph.apply("Sub", c[1, b, d], c[0, b, d]) for b, d in pairs}
 
     def bilinear(v):
-        planes = [_mix(graph, v[0, d], v[1, d], ty) for d in (0, 1)]
-        return _mix(graph, *planes, tz)
+        planes = [_mix(graph, (v[0, d], v[1, d]), ty) for d in (0, 1)]
+        return _mix(graph, planes, tz)
 
     def slope(ends, t):
-        return _mix(graph, *(graph.apply("Sub", line[b], line[a]) for a, b in ends), t)
+        return _mix(graph, [graph.apply("Sub", line[b], line[a]) for a, b in ends], t)
 
     gradient = [
         bilinear(rise),
@@ -104,7 +104,7 @@ def _nodes(graph, field, clamped):
     return node, position
 
 
-def _corners(graph, size, node, position):
+def _corners(graph, size, node, *, position):
     """Return a function that looks up a corner of the cell, and the position in the cell."""
     last = graph.scalar(float(size - 2), np.float64)
     base = graph.apply("Min", graph.apply("Floor", position), last)
@@ -117,7 +117,8 @@ def _corners(graph, size, node, position):
     return corner, split(graph, part, [1, 1, 1])
 
 
-def _mix(graph, a, b, t):
+def _mix(graph, ends, t):
+    a, b = ends
     return graph.apply("Add", a, graph.apply("Mul", graph.apply("Sub", b, a), t))
 
 
@@ -129,7 +130,7 @@ def _columns(graph, start, stop):
     ]
 
 
-def export_grid(name, artifact, provenance, log):
+def export_grid(name, artifact, provenance, *, log):
     """Return the ONNX model of a grid field as bytes.
 
     Parameters
@@ -159,6 +160,6 @@ def export_grid(name, artifact, provenance, log):
     answer = Session(model).distance_and_normal
     # a direction from differences between nodes loses more digits the closer the nodes are
     rounding = max(1.0, len(field.values) / 32) if field.content == "distance" else 1.0
-    differences = check(answer, reference, field.frame, rounding)
+    differences = check(answer, reference, field.frame, rounding=rounding)
     log(f"agrees with the field: {differences}")
     return model

@@ -21,7 +21,6 @@ class GridMaker(Maker):
     form : str
         A key of `CONTENTS`.
     points : pandis.pipeline.geometry.points.Points
-    frame : pandis.base.frame.Frame
     band : tuple of float
         See `pandis.pipeline.kinds.band.Band`.
     progress : pandis.base.progress.Progress
@@ -29,17 +28,18 @@ class GridMaker(Maker):
 
     sizes = (16, 20, 24, 28, 32, 40, 48, 56, 64, 80, 96, 112, 128, 160, 192, 224, 256)
 
-    def __init__(self, form, points, frame, band, progress):
-        self.form, self.points, self.frame = form, points, frame
-        self.band, self.progress = band, progress
+    def __init__(self, form, points, band, *, progress):
+        self.form, self.points, self.band, self.progress = form, points, band, progress
 
     def make(self, size):
         """See `Maker.make`."""
-        engine = self.points.body.distance
-        grid = DenseGrid(engine, CONTENTS[self.form], size, self.band, self.progress)
+        body = self.points.body
+        grid = DenseGrid(
+            body.distance, CONTENTS[self.form], size, band=self.band, progress=self.progress
+        )
         arrays = {"values": np.concatenate(list(grid.slabs(32)))}
         attributes = grid.attributes()
-        artifact = Artifact(None, "grid", arrays, attributes | self.frame.attributes(), {}, "")
+        artifact = Artifact(None, "grid", arrays, attributes | body.frame.attributes(), {}, "")
         spec = KIND.parse(f"{self.form}-{size}", None)
         return Candidate(open_field(spec, artifact), arrays, attributes)
 
@@ -73,6 +73,6 @@ def build(job):
     """
     body, task = Body.open(job.read("mesh", "mesh")), job.options
     points = points_of(body, task)
-    maker = GridMaker(task.form, points, body.frame, task.band, job.progress)
-    arrays, attributes = search(maker, points, task, job.log)
+    maker = GridMaker(task.form, points, task.band, progress=job.progress)
+    arrays, attributes = search(maker, points, task, log=job.log)
     job.write("grid", arrays, attributes | body.frame.attributes())

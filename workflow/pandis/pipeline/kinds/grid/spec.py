@@ -68,7 +68,7 @@ class Grid(Kind):
         form, size = match.groups()
         content, compared = CONTENTS[form], form in _COMPARED
         stem = f"grid-{form}-auto" if size == AUTO else f"grid-{content}-{size}"
-        size = AUTO if size == AUTO else check_size(name, size, *_NODES, "nodes per axis")
+        size = AUTO if size == AUTO else check_size(name, size, _NODES, unit="nodes per axis")
         return FieldSpec(
             name, self.name, form, stem, size,
             exports=("vti",) if compared else ("onnx", "vti"),

@@ -7,6 +7,7 @@ from pandis.base.physical import Scale
 from pandis.pipeline.geometry.body import Body
 from pandis.pipeline.geometry.points import Points
 from pandis.pipeline.geometry.strata import Strata
+from pandis.pipeline.kinds.network.training.batches import TrainingPoints
 from pandis.pipeline.kinds.network.training.trainer import Trainer
 
 #: Widths to try, from fast to slow; bytes grow with the square of the width.
@@ -34,15 +35,14 @@ def build(job):
     mesh, samples = job.read("mesh", "mesh"), job.read("samples", "samples")
     body, task = Body.open(mesh), job.options
     points = Points(body, Scale.of(task), task.seed)
-    strata = Strata.of(body, samples)
     arrays, attributes, finish = train(
-        task, samples, strata, points, job.checkpoint(), job.progress, job.log
+        task, TrainingPoints(samples, Strata.of(body, samples)), points, context=job.context()
     )
     job.write("model", arrays, attributes | body.frame.attributes())
     finish()
 
 
-def train(task, samples, strata, points, checkpoint, progress, log):
+def train(task, shown, points, *, context):
     """Train one network, or the narrowest that meets the recipe's limits.
 
     Without ``force_error`` in the recipe, one network is trained.
@@ -50,11 +50,10 @@ def train(task, samples, strata, points, checkpoint, progress, log):
     Parameters
     ----------
     task : pandis.pipeline.kinds.network.spec.TrainTask
-    samples, strata, checkpoint, log
-        See `pandis.pipeline.kinds.network.training.trainer.Trainer`.
+    shown : pandis.pipeline.kinds.network.training.batches.TrainingPoints
     points : pandis.pipeline.geometry.points.Points
         Points on which the force error is measured.
-    progress : pandis.base.progress.Progress
+    context : pandis.base.progress.Context
 
     Returns
     -------
@@ -69,13 +68,13 @@ def train(task, samples, strata, points, checkpoint, progress, log):
         No network meets the limits, or a run diverged repeatedly.
     """
     if task.recipe.loss == "paper" or task.recipe.force_error is None:
-        trainer = Trainer(task, samples, strata, checkpoint, log)
-        return *trainer.run(progress), trainer.finish
+        trainer = Trainer(task, shown, context)
+        return *trainer.run(), trainer.finish
     recipe = task.recipe
     limits = points.limits(recipe)
     network, tried, finish = narrowest(
-        task, widths_up_to(recipe.width), samples, strata, checkpoint, progress, log,
-        lambda trainer, arrays, attributes: points.measure(trainer.force_at, limits),
+        task, widths_up_to(recipe.width), shown, context=context,
+        judge=lambda trainer, arrays, attributes: points.measure(trainer.force_at, limits),
     )  # fmt: skip
     if network is None:
         finish()
@@ -100,7 +99,7 @@ def widths_up_to(width):
     return [w for w in WIDTHS if w < width] + [width]
 
 
-def narrowest(task, widths, samples, strata, checkpoint, progress, log, judge):
+def narrowest(task, widths, shown, *, context, judge):
     """Train networks, from narrow to wide, until one is accepted.
 
     Each is trained for the whole budget of steps. Together, all networks before the accepted one
@@ -108,7 +107,7 @@ def narrowest(task, widths, samples, strata, checkpoint, progress, log, judge):
 
     Parameters
     ----------
-    task, samples, strata, checkpoint, progress, log
+    task, shown, context
         As for `train`.
     widths : list of int
     judge : callable
@@ -123,19 +122,21 @@ def narrowest(task, widths, samples, strata, checkpoint, progress, log, judge):
     finish : callable
         Removes the checkpoints of all networks.
     """
-    tried, finish = [], lambda: None
+    tried, finish, checkpoint = [], lambda: None, context.checkpoint
     for width in widths:
         state = checkpoint.with_name(f"{checkpoint.stem}.{width}.pt")
         recipe = task.recipe.model_copy(update={"width": width})
-        trainer = Trainer(task.model_copy(update={"recipe": recipe}), samples, strata, state, log)
-        arrays, attributes = trainer.run(progress)
+        trainer = Trainer(
+            task.model_copy(update={"recipe": recipe}), shown, context._replace(checkpoint=state)
+        )
+        arrays, attributes = trainer.run()
         trainer.keep()
         finish = trainer.finish
         measured = judge(trainer, arrays, attributes)
         size = sum(arrays[key].nbytes for key in arrays if key != "curve")
         error = measured.figures["mean"]
         tried.append(Tried(width, size, error, measured.excess, measured.why))
-        log(f"network of {width} units per layer: {measured.why or 'meets the limits'}")
+        context.log(f"network of {width} units per layer: {measured.why or 'meets the limits'}")
         if not measured.why:
             return (arrays, attributes, measured), tried, finish
     return None, tried, finish

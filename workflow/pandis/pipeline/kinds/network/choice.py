@@ -10,6 +10,7 @@ from pandis.pipeline.kinds.network.build import narrowest, widths_up_to
 from pandis.pipeline.kinds.network.file import network_bytes
 from pandis.pipeline.kinds.network.reference import SirenField
 from pandis.pipeline.kinds.network.spec import KIND, TrainTask
+from pandis.pipeline.kinds.network.training.batches import TrainingPoints
 from pandis.pipeline.kinds.network.training.network import Siren, named_arrays
 from pandis.pipeline.kinds.sizing import Outcome
 from pandis.pipeline.run.job.artifact import Artifact
@@ -44,7 +45,11 @@ def choose(chooser):
 
     try:
         network, tried, finish = narrowest(
-            task, fit, samples, strata, chooser.checkpoint, chooser.progress, chooser.log, judge
+            task,
+            fit,
+            TrainingPoints(samples, strata),
+            context=chooser.context,
+            judge=judge,
         )
     except PandisError as error:
         chooser.skip(name, str(error))
@@ -58,25 +63,25 @@ def choose(chooser):
     arrays, attributes, measured = network
     width = attributes["architecture"]["width"]
     seconds = chooser.time(KIND.name, width, layers=recipe.depth)
-    choice = chooser.choice(name, sizes[width], measured, seconds)
+    choice = chooser.choice(name, sizes[width], measured, seconds=seconds)
     return Outcome(arrays, attributes, choice, finish)
 
 
 def _bytes(recipe, width, weight_bits):
     """Return the size of a network and its base in bytes."""
     outputs = 1 if recipe.direction == "gradient" else 4
-    return network_bytes(width, recipe.depth, outputs, recipe.base, weight_bits)
+    return network_bytes(width, recipe.depth, outputs, base=recipe.base, weight_bits=weight_bits)
 
 
 def timed(torus):
     """See `pandis.pipeline.kinds`."""
     base = fit_base(torus.points.body.distance, _BASE).coefficients
     for width in _WIDTHS:
-        yield KIND.name, width, lambda width=width: _untrained(torus.frame, base, width)
+        yield KIND.name, width, lambda width=width: _untrained(torus.points.body.frame, base, width)
 
 
 def _untrained(frame, base, width):
-    network = Siren(width, _DEPTH, _OMEGA, 1, torch.Generator().manual_seed(0))
+    network = Siren(width, _DEPTH, _OMEGA, outputs=1, generator=torch.Generator().manual_seed(0))
     arrays = named_arrays(list(network.parameters())) | {"base": base}
     shape = {"width": width, "depth": _DEPTH, "omega": _OMEGA, "outputs": 1}
     attributes = {"architecture": shape, **frame.attributes()}

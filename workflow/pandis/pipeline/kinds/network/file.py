@@ -8,6 +8,7 @@ from pandis.base.forces import penalty_force
 from pandis.pipeline.kinds.check import check_points
 from pandis.pipeline.kinds.native import FieldFile
 from pandis.runtime.field import NETWORK, NativeField
+from pandis.runtime.field.files import Parts
 
 #: Number of lanes in which a sum is computed; rows of weights are padded to a multiple of it.
 _LANES = 16
@@ -48,7 +49,7 @@ class File(FieldFile):
         cells = 0
         if base is not None:
             cells, sections["BASE"] = len(base.coefficients) - 3, base.coefficients
-        return NETWORK, (width, depth, outputs, cells, self.weight_bits), (), sections
+        return Parts(NETWORK, (width, depth, outputs, cells, self.weight_bits), (), sections)
 
     def notes(self, native):
         """See `FieldFile.notes`."""
@@ -67,7 +68,7 @@ class File(FieldFile):
         return self.answering.in_double()
 
 
-def network_bytes(width, depth, outputs, base, weight_bits):
+def network_bytes(width, depth, outputs, *, base, weight_bits):
     """Return the number of bytes that ``pandis.h`` needs to query a network.
 
     Parameters

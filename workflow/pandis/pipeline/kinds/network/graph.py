@@ -49,10 +49,10 @@ def network_graph(artifact):
     phi = graph.apply("Squeeze", phi, graph.constant("one", np.array([1], np.int64)))
     base = load_base(artifact)
     if base is not None:
-        value, gradient = tricubic(graph, base.lattice, base.coefficients, clamped)
+        value, gradient = tricubic(graph, base.lattice, base.coefficients, clamped=clamped)
         phi = graph.apply("Add", phi, value)
         direction = graph.apply("Add", direction, gradient)
-    leave(graph, frame, graph.apply("Add", phi, outside), direction)
+    leave(graph, frame, graph.apply("Add", phi, outside), vector=direction)
     return graph
 
 
@@ -66,7 +66,7 @@ def torch_network(artifact):
     return network
 
 
-def compare(answer, artifact, what, log):
+def compare(answer, artifact, what, *, log):
     """Compare an export with its network, and log by how much their answers differ.
 
     Parameters
@@ -117,7 +117,7 @@ def describe(name, artifact, provenance):
     }
 
 
-def export_network(name, artifact, provenance, log):
+def export_network(name, artifact, provenance, *, log):
     """Return the ONNX model of a network as bytes.
 
     Parameters
@@ -136,5 +136,5 @@ def export_network(name, artifact, provenance, log):
     """
     torch.set_num_threads(1)
     model = network_graph(artifact).model(name, describe(name, artifact, provenance))
-    compare(Session(model).distance_and_normal, artifact, "the ONNX model", log)
+    compare(Session(model).distance_and_normal, artifact, "the ONNX model", log=log)
     return model

@@ -105,7 +105,7 @@ class Program(torch.nn.Module):
         return (phi + outside) / self.scale, normal
 
 
-def export_program(name, artifact, provenance, log):
+def export_program(name, artifact, provenance, *, log):
     """Return a network as the bytes of a ``.pt2`` file; equal networks give equal bytes.
 
     Parameters
@@ -137,5 +137,5 @@ def export_program(name, artifact, provenance, log):
     def answer(points):
         return [part.numpy() for part in loaded(torch.from_numpy(points))]
 
-    compare(answer, artifact, "the program, read back,", log)
+    compare(answer, artifact, "the program, read back,", log=log)
     return data

@@ -58,7 +58,7 @@ def build_planes(vertices, engine, progress):
             + axis[:, None, None] * ones[part][:, None, None]
             + axis[:, None] * others[part][:, None, None]
         ).reshape(-1, 3)
-        depth = _march(engine, origin, -normal, 2 * radius) - _ABOVE
+        depth = _march(engine, origin, -normal, longest=2 * radius) - _ABOVE
         maps[part] = depth.reshape(-1, SIZE, SIZE)
         report.update(min(start + 32, len(normals)))
     return {
@@ -69,7 +69,7 @@ def build_planes(vertices, engine, progress):
     }
 
 
-def _march(engine, origin, along, longest):
+def _march(engine, origin, along, *, longest):
     """Return the lengths (n,) of rays to the surface, by sphere tracing; at most ``longest``."""
     way = np.zeros(len(origin))
     going = np.arange(len(origin))

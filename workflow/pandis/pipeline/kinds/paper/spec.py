@@ -31,11 +31,11 @@ class Paper(Kind):
             _check_tracked(name, inner)
             return self._spec(name, PROXY, inner.artifact, through=inner)
         if match := re.fullmatch(rf"{ALGEBRAIC}-([1-9]\d*)", name):
-            size = check_size(name, match[1], 4, 512, "nodes per axis")
-            return self._spec(name, ALGEBRAIC, "mesh", size)
+            size = check_size(name, match[1], (4, 512), unit="nodes per axis")
+            return self._spec(name, ALGEBRAIC, "mesh", size=size)
         return None
 
-    def _spec(self, name, form, stem, size=None, through=None):
+    def _spec(self, name, form, stem, *, size=None, through=None):
         return FieldSpec(name, self.name, form, stem, size, native=False, through=through)
 
 

@@ -8,6 +8,6 @@ def build(job):
     """Fit one spline, and write ``grid-spline-{size}.zarr.zip``."""
     body, task = Body.open(job.read("mesh", "mesh")), job.options
     samples = samples_for(task.size)
-    spline = SplineFit(body, task.band, task.seed, samples)
+    spline = SplineFit(body, task.band, task.seed, count=samples)
     arrays, attributes = spline.build(task.size, None, job.progress)
     job.write("grid", arrays, attributes | body.frame.attributes())

@@ -9,12 +9,12 @@ _TIMED = (50_000, 800_000)
 def choose(chooser):
     """See `pandis.pipeline.kinds`."""
     band = chooser.options.band
-    maker = SplineMaker(chooser.points, chooser.body.frame, band, chooser.progress)
+    maker = SplineMaker(chooser.points, band, chooser.progress)
     return chooser.first([maker], "{form}-auto")
 
 
 def timed(torus):
     """See `pandis.pipeline.kinds`."""
     for size in _TIMED:
-        maker = SplineMaker(torus.points, torus.frame, torus.band, torus.progress, size)
+        maker = SplineMaker(torus.points, torus.band, torus.progress, most=size)
         yield maker.form, size, lambda maker=maker, size=size: maker.make(size).field

@@ -2,6 +2,7 @@
 
 from pandis.pipeline.kinds.native import FieldFile
 from pandis.runtime.field import SPLINE
+from pandis.runtime.field.files import Parts
 
 
 class File(FieldFile):
@@ -21,4 +22,5 @@ class File(FieldFile):
         lows = [lattice.low for lattice in (*(level.lattice for level in field.levels), field.far)]
         offsets, scales = zip(*field.scales, strict=True)
         reals = [*lows, *offsets, *scales, field.band.inside, field.band.outside]
-        return SPLINE, [*(wholes[k] for k in range(8)), field.far.size], reals, sections
+        numbers = [*(wholes[k] for k in range(8)), field.far.size]
+        return Parts(SPLINE, numbers, reals, sections)

@@ -68,7 +68,7 @@ def residual(levels, coefficients, targets):
     return np.sqrt((value - targets.distance) ** 2 + _depth(targets) ** 2 * squares)
 
 
-def fit(levels, coefficients, targets, rounds, steps, report=None):
+def fit(levels, coefficients, targets, *, rounds, steps, report=None):
     """Improve coefficients by iteratively reweighted least squares.
 
     Parameters

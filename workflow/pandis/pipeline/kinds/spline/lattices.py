@@ -55,7 +55,7 @@ class SplineFit:
         Number of sample points.
     """
 
-    def __init__(self, body, band, seed, count=MOST_SAMPLES):
+    def __init__(self, body, band, seed, *, count=MOST_SAMPLES):
         self.engine, self.surface = body.distance, body.surface
         self.band = Band(*band)
         self.seed = seed
@@ -134,9 +134,11 @@ class SplineFit:
         level = Level(lattice, _flat(kept_nodes(base_masks), lattice.size)[inside_grid])
         places = lattice.places(level.nodes)
         start = [self.engine.distance_and_normal(places, check=False)[0]]
-        start = fit([level], start, self.targets, _BASE_ROUNDS, _STEPS, report.update)
+        start = fit(
+            [level], start, self.targets, rounds=_BASE_ROUNDS, steps=_STEPS, report=report.update
+        )
         score = self._score(size, residual([level], start, self.targets) * self.targets.weight)
-        fine_masks = pack(self._choose(size, score, blocks, budget))
+        fine_masks = pack(self._choose(size, score, blocks, budget=budget))
         lattice = box_lattice(size)
         fine_inside = _inside(fine_masks, lattice.size)
         fine_nodes = _flat(kept_nodes(fine_masks), lattice.size)[fine_inside]
@@ -147,7 +149,12 @@ class SplineFit:
         start.append(np.zeros(len(levels[1].nodes)))
         done = _BASE_ROUNDS * _STEPS
         fitted = fit(
-            levels, start, targets, _FINE_ROUNDS, _STEPS, lambda n: report.update(done + n)
+            levels,
+            start,
+            targets,
+            rounds=_FINE_ROUNDS,
+            steps=_STEPS,
+            report=lambda n: report.update(done + n),
         )
         far = self._far()
         stored, scales = {}, {}
@@ -177,7 +184,7 @@ class SplineFit:
         lattice = box_lattice(size)
         everything = self.band._replace(inside=_CORE)
         step = -2 * lattice.low / (lattice.size - 1)
-        cells, signs = find_cells(self.engine, lattice.size, everything, lattice.low, step)
+        cells, signs = find_cells(self.engine, lattice.size, everything, low=lattice.low, step=step)
         count, last = block_count(lattice.size), lattice.size - 1
         padded = np.zeros((count * BLOCK,) * 3, np.int8)
         padded[:last, :last, :last] = signs
@@ -211,7 +218,7 @@ class SplineFit:
             score = convolve1d(score, [0.25, 0.5, 0.25], axis=axis, mode="constant")
         return score
 
-    def _choose(self, size, score, base_blocks, budget):
+    def _choose(self, size, score, base_blocks, *, budget):
         """Return a mask (b, b, b) of the blocks to keep: as many of the best as fit."""
         order = np.argsort(-score.reshape(-1), kind="stable")
         order = order[: np.count_nonzero(score)]
@@ -241,7 +248,9 @@ class SplineFit:
         distance, normal = self.engine.distance_and_normal(points, check=False)
         targets = Targets(points, distance, normal, np.ones(len(points)))
         start = [self.engine.distance_and_normal(lattice.places(nodes), check=False)[0]]
-        return fit([Level(lattice, nodes)], start, targets, 1, _STEPS)[0].reshape((FAR_SIZE,) * 3)
+        return fit([Level(lattice, nodes)], start, targets, rounds=1, steps=_STEPS)[0].reshape(
+            (FAR_SIZE,) * 3
+        )
 
 
 def box_lattice(size):

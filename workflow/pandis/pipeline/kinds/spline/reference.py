@@ -64,7 +64,7 @@ class SplineField(Field):
         self.levels[1].add(clamped, value, gradient)
         flag = np.full(len(points), OK, np.uint8)
         beyond = (covered < 2) | (outside > 0)
-        self._sharpen(clamped, value, gradient, ~beyond)
+        self._sharpen(clamped, value, gradient, near=~beyond)
         rest = np.flatnonzero(beyond)
         if len(rest):
             far, gradient[rest] = self.far.evaluate(self._beyond, clamped[rest])
@@ -81,7 +81,7 @@ class SplineField(Field):
         value[bad], gradient[bad], flag[bad] = np.nan, np.nan, INVALID
         return Answer(value, normalise(gradient), flag)
 
-    def _sharpen(self, points, value, gradient, near):
+    def _sharpen(self, points, value, gradient, *, near):
         """Undo, in place, some of the rounding of creases at points (n, 3) in the mask ``near``.
 
         Where two walls are about equally near, a spline rounds the crease between them, and its

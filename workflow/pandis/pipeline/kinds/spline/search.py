@@ -15,7 +15,6 @@ class SplineMaker(Maker):
     Parameters
     ----------
     points : pandis.pipeline.geometry.points.Points
-    frame : pandis.base.frame.Frame
     band : tuple of float
         See `pandis.pipeline.kinds.band.Band`.
     progress : pandis.base.progress.Progress
@@ -26,15 +25,15 @@ class SplineMaker(Maker):
     form = "spline"
     sizes = tuple(50_000 * 2**k for k in range(8))
 
-    def __init__(self, points, frame, band, progress, most=sizes[-1]):
-        self.points, self.frame, self.band = points, frame, band
+    def __init__(self, points, band, progress, *, most=sizes[-1]):
+        self.points, self.band = points, band
         self.progress, self.most = progress, most
 
     @cached_property
     def _fit(self):
         # a search over sizes draws samples once, for the largest size
         points, samples = self.points, samples_for(budget=self.most)
-        return SplineFit(points.body, self.band, points.seed, samples)
+        return SplineFit(points.body, self.band, points.seed, count=samples)
 
     def make(self, size):
         """See `Maker.make`."""
@@ -42,7 +41,8 @@ class SplineMaker(Maker):
         if nodes is None:
             return None
         arrays, attributes = self._fit.build(nodes, size, self.progress)
-        artifact = Artifact(None, "grid", arrays, attributes | self.frame.attributes(), {}, "")
+        frame = self.points.body.frame.attributes()
+        artifact = Artifact(None, "grid", arrays, attributes | frame, {}, "")
         return Candidate(SplineField(self.form, artifact), arrays, attributes)
 
     def largest(self, budget):
@@ -68,6 +68,6 @@ def build(job):
     """
     body, task = Body.open(job.read("mesh", "mesh")), job.options
     points, most = points_of(body, task), task.target.bytes or SplineMaker.sizes[-1]
-    maker = SplineMaker(points, body.frame, task.band, job.progress, most)
-    arrays, attributes = search(maker, points, task, job.log)
+    maker = SplineMaker(points, task.band, job.progress, most=most)
+    arrays, attributes = search(maker, points, task, log=job.log)
     job.write("grid", arrays, attributes | body.frame.attributes())

@@ -35,7 +35,7 @@ class Spline(Kind):
         if not match:
             return None
         auto = match[1] == AUTO
-        size = AUTO if auto else check_size(name, match[1], *_NODES, "nodes per axis")
+        size = AUTO if auto else check_size(name, match[1], _NODES, unit="nodes per axis")
         return FieldSpec(name, self.name, self.name, f"grid-{name}", size, exports=("vti",))
 
     def sized_options(self, job, spec):

@@ -107,7 +107,7 @@ def words(line):
     return parts
 
 
-def triangles(vertices, polygons, where, first=0):
+def triangles(vertices, polygons, where, *, first=0):
     """Check the indices of polygons and cut the polygons into triangles.
 
     Parameters

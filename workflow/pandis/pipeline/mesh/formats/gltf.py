@@ -260,7 +260,9 @@ class _Scene:
         values = np.zeros((count, width), kind)
         if "bufferView" in entry:
             offset = entry.get("byteOffset", 0)
-            values = self._view(entry["bufferView"], offset, kind, width, count, where)
+            values = self._view(
+                entry["bufferView"], offset, kind, width=width, count=count, where=where
+            )
         if "sparse" in entry:
             values = self._sparse(entry["sparse"], values.copy(), where)
         if not np.isfinite(values).all():
@@ -277,7 +279,9 @@ class _Scene:
         if places["componentType"] not in _UNSIGNED:
             raise FormatError(f"{where}: its sparse indices are not unsigned integers; {AGAIN}")
         kind = np.dtype(_TYPES[places["componentType"]])
-        at = self._view(places["bufferView"], places.get("byteOffset", 0), kind, 1, few, where)
+        at = self._view(
+            places["bufferView"], places.get("byteOffset", 0), kind, width=1, count=few, where=where
+        )
         at = at[:, 0].astype(np.int64)
         if len(at) and not 0 <= at.max() < len(values):
             raise FormatError(
@@ -285,10 +289,12 @@ class _Scene:
                 f"values; {AGAIN}"
             )
         offset, width = news.get("byteOffset", 0), values.shape[1]
-        values[at] = self._view(news["bufferView"], offset, values.dtype, width, few, where)
+        values[at] = self._view(
+            news["bufferView"], offset, values.dtype, width=width, count=few, where=where
+        )
         return values
 
-    def _view(self, index, start, kind, width, count, where):
+    def _view(self, index, start, kind, *, width, count, where):
         """Return values (count, width) of a buffer view."""
         view = self.item("bufferViews", index)
         packing = next((p for p in _PACKINGS if p in view.get("extensions", {})), None)

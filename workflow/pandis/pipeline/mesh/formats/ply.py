@@ -254,7 +254,7 @@ class _Binary:
         sizes, place = {}, self.place
         for name, kind, size in element.properties:
             if size:
-                count = self._number(size, place, element, 0)
+                count = self._number(size, place, element, index=0)
                 place += np.dtype(size).itemsize
                 sizes[name] = count
                 place += max(count, 0) * np.dtype(kind).itemsize
@@ -293,7 +293,7 @@ class _Binary:
             for name, kind, size in element.properties:
                 count = 1
                 if size:
-                    count = self._number(size, self.place, element, index)
+                    count = self._number(size, self.place, element, index=index)
                     self.place += np.dtype(size).itemsize
                 end = self.place + count * np.dtype(kind).itemsize
                 if count < 0 or end > len(self.data):
@@ -303,7 +303,7 @@ class _Binary:
                 columns[name].append(values.tolist() if size else values[0])
         return columns
 
-    def _number(self, kind, place, element, index):
+    def _number(self, kind, place, element, *, index):
         end = place + np.dtype(kind).itemsize
         if end > len(self.data):
             raise self._cut(element, index)

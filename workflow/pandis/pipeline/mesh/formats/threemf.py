@@ -126,7 +126,7 @@ class _Package:
         parts = []
         for item in items:
             part = _absolute(item.get(f"{{{_PRODUCTION}}}path"), root.part)
-            parts += self._built(part, item.get("objectid"), _transform(item, root.part), ())
+            parts += self._built(part, item.get("objectid"), _transform(item, root.part), above=())
         if not parts and self.notes:
             raise FormatError(f"all objects of the package are left out: {'; '.join(self.notes)}")
         unit = root.tree.get("unit", "millimeter")
@@ -134,7 +134,7 @@ class _Package:
             raise FormatError(f"its unit '{unit[:40]}' is not one of {', '.join(_UNITS)}; {AGAIN}")
         return joined(parts, self.notes, _UNITS[unit])
 
-    def _built(self, part, identity, matrix, above):
+    def _built(self, part, identity, matrix, *, above):
         """Return the meshes of an object and of its components, transformed by ``matrix``."""
         model = self.model(part)
         element = model.objects.get(identity)
@@ -155,7 +155,7 @@ class _Package:
             other = _absolute(component.get(f"{{{_PRODUCTION}}}path"), part)
             inner = matrix @ _transform(component, part)
             named = component.get("objectid")
-            parts += self._built(other, named, inner, (*above, (part, identity)))
+            parts += self._built(other, named, inner, above=(*above, (part, identity)))
         mesh = element.find(_tag("mesh"))
         if mesh is not None:
             vertices, faces, materials = model.mesh(element, mesh)

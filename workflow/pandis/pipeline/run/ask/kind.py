@@ -158,8 +158,9 @@ class Kind:
         return (f"bake_{self.name}",)
 
 
-def check_size(name, size, smallest, largest, unit):
+def check_size(name, size, limits, *, unit):
     """Return the size in a field's name as a number, or raise a ValueError with its limits."""
+    smallest, largest = limits
     if not smallest <= int(size) <= largest:
         raise ValueError(f"{name}: it must have {smallest} to {largest} {unit}")
     return int(size)

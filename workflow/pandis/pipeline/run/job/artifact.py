@@ -75,7 +75,7 @@ def content_digest(kind, digests, attributes):
     return hashlib.sha256(text.encode()).hexdigest()
 
 
-def write_artifact(path, kind, arrays, attributes, provenance, chunks=None):
+def write_artifact(path, kind, arrays, *, attributes, provenance, chunks=None):
     """Write an artifact; it appears under ``path`` only once it is complete and on disk.
 
     Parameters
@@ -104,7 +104,7 @@ def write_artifact(path, kind, arrays, attributes, provenance, chunks=None):
     with ArtifactWriter(path, kind) as writer:
         for name in sorted(arrays):
             array = np.asarray(arrays[name])
-            writer.declare(name, array.shape, array.dtype, (chunks or {}).get(name))
+            writer.declare(name, array.shape, array.dtype, chunks=(chunks or {}).get(name))
             writer.append(name, array)
         return writer.finish(attributes, provenance)
 
@@ -136,7 +136,7 @@ class ArtifactWriter:
         if isinstance(error, OSError):
             raise self._file.explain(error) from error
 
-    def declare(self, name, shape, dtype, chunks=None, fill=0):
+    def declare(self, name, shape, dtype, *, chunks=None, fill=0):
         """Declare an array. Chunks that contain only ``fill`` are not stored."""
         from zarr.codecs import BloscCodec
 

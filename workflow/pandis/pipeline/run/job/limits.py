@@ -17,7 +17,7 @@ _GRACE = 20.0
 
 
 @contextmanager
-def limited(name, minutes, megabytes, say, file):
+def limited(name, minutes, megabytes, *, say, file):
     """Run the body of a stage within limits; the process ends if it exceeds one.
 
     Parameters
@@ -36,7 +36,7 @@ def limited(name, minutes, megabytes, say, file):
 
     def look():
         while not over.wait(_EVERY):
-            reason = _beyond(name, minutes, megabytes, time.monotonic() - start)
+            reason = _beyond(name, minutes, megabytes, seconds=time.monotonic() - start)
             if reason:
                 say(reason)
                 os._exit(1)
@@ -52,7 +52,7 @@ def limited(name, minutes, megabytes, say, file):
         faulthandler.cancel_dump_traceback_later()
 
 
-def _beyond(name, minutes, megabytes, seconds):
+def _beyond(name, minutes, megabytes, *, seconds):
     """Return a message about the exceeded limit; empty if there is none."""
     if minutes and seconds > 60 * minutes:
         return (

@@ -310,7 +310,7 @@ def compiler_version():
     return done.stdout.partition("\n")[0]
 
 
-def provenance(stage, wildcards, options, modules, inputs):
+def provenance(stage, wildcards, options, *, modules, inputs):
     """Assemble an artifact's provenance, without time, host or paths of the machine.
 
     Parameters

@@ -19,6 +19,7 @@ from pathlib import Path
 from threadpoolctl import threadpool_limits
 
 from pandis.base.errors import PandisError
+from pandis.base.progress import Context
 from pandis.pipeline.run.ask.sourcing import source_digest, source_files
 from pandis.pipeline.run.job.artifact import (
     ArtifactWriter,
@@ -80,8 +81,8 @@ def stage(snakemake, task):
                 job.stage,
                 resources.get("runtime"),
                 resources.get("mem_mb"),
-                lambda text: job.log(f"error: {text}"),
-                job.stream,
+                say=lambda text: job.log(f"error: {text}"),
+                file=job.stream,
             ),
             threadpool_limits(1, user_api="blas"),
         ):
@@ -221,16 +222,18 @@ class Job:
         """Return the provenance of this job's output."""
         wildcards = {key: str(value) for key, value in self._snakemake.wildcards.items()}
         inputs = dict(sorted(self._inputs.items()))
-        why = provenance(self.stage, wildcards, self._params, self._modules, inputs)
+        why = provenance(self.stage, wildcards, self._params, modules=self._modules, inputs=inputs)
         return why | ({"source": self.source} if self.source else {})
 
-    def write(self, kind, arrays, attributes, chunks=None):
+    def write(self, kind, arrays, attributes, *, chunks=None):
         """Write the rule's first output as an artifact."""
         path = self.output[0]
-        write_artifact(path, kind, arrays, attributes, self.provenance(), chunks)
+        write_artifact(
+            path, kind, arrays, attributes=attributes, provenance=self.provenance(), chunks=chunks
+        )
         self.log(f"wrote {path} ({Path(path).stat().st_size / 1e6:.2f} MB)")
 
-    def write_pieces(self, kind, columns, pieces, attributes):
+    def write_pieces(self, kind, columns, pieces, *, attributes):
         """Write the rule's first output piece by piece, so that it need not fit into memory.
 
         Parameters
@@ -258,9 +261,13 @@ class Job:
         write_atomically(path, data)
         self.log(f"wrote {path} ({len(data) / 1e6:.2f} MB)")
 
+    def context(self):
+        """Return the `Context` of a computation that this job may resume."""
+        return Context(self.checkpoint(), self.progress, self.log)
+
     def progress(self, what, total, unit="points"):
         """Return a `TimedReport` to this job's log."""
-        return TimedReport(self.log, what, total, unit)
+        return TimedReport(self.log, what, total, unit=unit)
 
 
 class TimedReport:
@@ -276,7 +283,7 @@ class TimedReport:
     unit : str
     """
 
-    def __init__(self, log, what, total, unit):
+    def __init__(self, log, what, total, *, unit):
         self.log, self.what, self.total, self.unit = log, what, total, unit
         self.start = self.last = time.monotonic()
         self.offset = 0
@@ -304,4 +311,4 @@ class TimedReport:
 
 def silent_progress(what, total, unit="points"):
     """Return a `TimedReport` without a log, for use outside of a stage."""
-    return TimedReport(lambda text: None, what, total, unit)
+    return TimedReport(lambda text: None, what, total, unit=unit)

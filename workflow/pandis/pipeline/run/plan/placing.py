@@ -48,12 +48,12 @@ def load_scenes(raw, entries):
             continue
         scenes[name] = SceneOptions.model_validate(scene)
         for key, placed in scenes[name].objects.items():
-            faults |= _object_faults(f"{path}.objects.{key}", key, placed, entries)
+            faults |= _object_faults(f"{path}.objects.{key}", key, placed, entries=entries)
     raise_faults(faults)
     return scenes
 
 
-def _object_faults(path, key, placed, entries):
+def _object_faults(path, key, placed, *, entries):
     if not re.fullmatch(MESH_NAME, str(key)):
         return {path: "an object's name must start with a-z; the rest may be a-z, 0-9, - or _"}
     entry = entries.get(placed.mesh)

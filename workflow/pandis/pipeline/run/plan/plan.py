@@ -54,13 +54,13 @@ class Output(NamedTuple):
     wildcards: dict
 
 
-def open_plan(config, root, files, store, aloud=True):
+def open_plan(config, root, files, *, store, aloud=True):
     """Return the plan, or print the configuration's faults and end the process.
 
     With ``aloud``, print which meshes are refused, and why; the other meshes run anyway.
     """
     try:
-        plan = Plan(config, root, files, store)
+        plan = Plan(config, root, files, store=store)
     except PandisError as error:
         # Snakemake would print its own traceback around the message
         print(f"error: {error}", file=sys.stderr)
@@ -94,7 +94,7 @@ class Plan:
         The configuration has faults; the message lists all of them.
     """
 
-    def __init__(self, config, root, files=(), store=""):
+    def __init__(self, config, root, files=(), *, store=""):
         self.config = config
         # as a user would write them: relative to the working directory
         self.files = [os.path.relpath(path) for path in files]

@@ -81,7 +81,7 @@ def _program():
     command += [f"-I{include}" for include in cpp_extension.include_paths()]
     libraries = [f"-L{folder}", f"-Wl,-rpath,{folder}", "-ltorch", "-ltorch_cpu", "-lc10"]
     command.append(f'-DPANDIS_TORCH="{torch.__version__}"')  # one program per version
-    return build(command, Path(__file__).with_name("query.cpp"), libraries, "libtorch-query")
+    return build(command, Path(__file__).with_name("query.cpp"), libraries, name="libtorch-query")
 
 
 def _run(command, extra):

@@ -1,11 +1,14 @@
 """The batch of each step, which depends only on the seed and the step's number."""
 
 from concurrent.futures import ThreadPoolExecutor
+from typing import NamedTuple
 
 import numpy as np
 import torch
 
 from pandis.base.streams import BOX, ORDER, generator
+from pandis.pipeline.geometry.strata import Strata
+from pandis.pipeline.run.job.artifact import Artifact
 from pandis.pipeline.run.records.samples import SamplesRecord
 
 #: Number of points that are drawn together. Each is used once.
@@ -13,6 +16,21 @@ FRESH = 1 << 18
 #: Number of blocks prepared in parallel while a GPU uses one, since making a block takes longer
 #: than using it.
 AHEAD = 5
+
+
+class TrainingPoints(NamedTuple):
+    """The points that a network is trained on.
+
+    Attributes
+    ----------
+    samples : pandis.pipeline.run.job.artifact.Artifact
+        Artifact of kind ``samples``.
+    strata : pandis.pipeline.geometry.strata.Strata
+        Draws fresh points for recipes that train on exact distances.
+    """
+
+    samples: Artifact
+    strata: Strata
 
 
 class Batches:
@@ -30,7 +48,7 @@ class Batches:
         Device that stores the batches. For a GPU the next blocks are made while one is in use.
     """
 
-    def __init__(self, make, size, per_block, device):
+    def __init__(self, make, size, per_block, *, device):
         self.size, self.per_block, self.device = size, per_block, device
         self._make, self._number, self._rows = make, None, None
         self._pool = ThreadPoolExecutor(AHEAD) if device == "cuda" else None
@@ -56,7 +74,7 @@ class Batches:
         return torch.from_numpy(self._make(number)).pin_memory()
 
 
-def surface_batches(places, base, size, seed, device):
+def surface_batches(places, base, size, *, seed, device):
     """Return the batches of the paper's recipe: an epoch is a block.
 
     A row contains a point on the surface, the distance and normal there, and a point in the box;
@@ -80,7 +98,7 @@ def surface_batches(places, base, size, seed, device):
         there = with_base(box, base)[:, box.shape[1] :]
         return np.concatenate([rows, box, here, there], axis=1)
 
-    return Batches(make, size, per_block, device)
+    return Batches(make, size, per_block, device=device)
 
 
 def area_points(samples):
@@ -101,7 +119,7 @@ def vertex_points(body):
     return np.column_stack([points, np.zeros(len(points)), normal]).astype(np.float32)
 
 
-def fresh_batches(strata, base, size, seed, device):
+def fresh_batches(strata, base, size, *, seed, device):
     """Return batches of points that are drawn and labelled on demand, and used once.
 
     Labelling a point takes a thirtieth of the time of training on it, and a network that is
@@ -120,7 +138,7 @@ def fresh_batches(strata, base, size, seed, device):
         order = generator(seed, ORDER, block).permutation(len(rows))
         return np.take(with_base(rows, base), order, axis=0)
 
-    return Batches(make, size, per_block, device)
+    return Batches(make, size, per_block, device=device)
 
 
 def with_base(rows, base):

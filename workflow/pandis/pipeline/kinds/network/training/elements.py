@@ -35,8 +35,9 @@ def sines(z, bias):
     if z.device.type == "cpu" and z.dtype == torch.float32 and z.is_contiguous():
         cosine, bias = torch.empty_like(z), bias.contiguous()
         waves.sines(
-            z.data_ptr(), bias.data_ptr(), cosine.data_ptr(), *z.shape, torch.get_num_threads()
-        )
+            z.data_ptr(), bias.data_ptr(), cosine.data_ptr(), shape=z.shape,
+            threads=torch.get_num_threads(),
+        )  # fmt: skip
         return z, cosine
     z.add_(bias[:, None])
     cosine = torch.cos(z)
@@ -54,7 +55,7 @@ def slopes_forward(along, chain, slope):
     return to_slope
 
 
-def slopes_back(back, slope, to_slope, sine):
+def slopes_back(back, slope, to_slope, *, sine):
     """Set ``back`` to back · slope − to_slope · sine; a ``to_slope`` of None counts as 0.
 
     ``to_slope`` is overwritten.

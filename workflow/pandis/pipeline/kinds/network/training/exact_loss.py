@@ -8,16 +8,21 @@ from pandis.pipeline.kinds.network.training.tensors import Loss, Numbers, Vector
 from pandis.pipeline.kinds.network.training.vectors import SMALL, length
 
 
-def loss_of(output, gradient, rows, options):
-    """Return the `exact_loss` of an `answer`; on a GPU one kernel computes it and its gradient."""
+def loss_of(outputs, rows, options):
+    """Return the `exact_loss` of a network's outputs and gradient.
+
+    On a GPU one kernel computes the loss and its gradient.
+    """
+    output, gradient = outputs
     if fused(output) is None:
-        return exact_loss(*answer(output, gradient, rows), rows[:, 3], rows[:, 4:7], options)
+        phi, direction = answer(output, gradient, rows)
+        return exact_loss(phi, direction, rows[:, 3], normal=rows[:, 4:7], options=options)
     return _Regression.apply(output, gradient, rows, options)
 
 
 class _Regression(torch.autograd.Function):
     @staticmethod
-    def forward(ctx, output, gradient, rows, options):
+    def forward(ctx, output, gradient, rows, options):  # noqa: PLR0917 - called by torch
         kernels, n = fused(output), len(rows)
         output = output.T.contiguous()
         to_output, loss = torch.empty_like(output), output.new_empty(n)
@@ -44,6 +49,7 @@ def exact_loss(
     phi: Numbers,
     direction: Vectors,
     distance: Numbers,
+    *,
     normal: Vectors,
     options,
 ) -> Loss:

@@ -54,7 +54,7 @@ class Siren(torch.nn.Module):
     multiplied by ω0. Biases are U(±1 / sqrt(fan-in)).
     """
 
-    def __init__(self, width, depth, omega, outputs, generator):
+    def __init__(self, width, depth, omega, *, outputs, generator):
         super().__init__()
         self.omega = omega
         sizes = [3, *[width] * depth, outputs]
@@ -81,7 +81,7 @@ class _Pass(torch.autograd.Function):
     """Both passes through the network. Inside, each column is a point: this layout is faster."""
 
     @staticmethod
-    def forward(ctx, points, omega, with_gradient, *parameters):
+    def forward(ctx, points, omega, with_gradient, *parameters):  # noqa: PLR0917 - called by torch
         count = len(parameters) // 2
         hidden = count - 1
         scaled = torch._foreach_mul([*parameters[:hidden], *parameters[count:-1]], omega)
@@ -125,7 +125,7 @@ class _Pass(torch.autograd.Function):
             aside(_add_to_first, to_weights[-1], along)
         back = product(turned[-1], to_output)
         for index in reversed(range(count - 1)):
-            slopes_back(back, slopes[index], to_slopes[index], inputs[index + 1])
+            slopes_back(back, slopes[index], to_slopes[index], sine=inputs[index + 1])
             to_weights[index] = aside(product, back, inputs[index].T, to_weights[index])
             to_biases[index] = aside(_row_sums, back)
             if index:

@@ -61,6 +61,7 @@ def paper_loss(
     on: Outputs,
     on_gradient: Vectors,
     off: OffOutputs,
+    *,
     off_gradient: OffVectors,
     normal: Vectors,
     options,

@@ -65,22 +65,17 @@ class Trainer:
     Parameters
     ----------
     task : pandis.pipeline.kinds.network.spec.TrainTask
-    samples : pandis.pipeline.run.job.artifact.Artifact
-        Artifact of kind ``samples``.
-    strata : pandis.pipeline.geometry.strata.Strata
-        Draws fresh points for recipes that train on exact distances.
-    checkpoint : path-like
-        File for the state of an unfinished run.
-    log : pandis.base.progress.Log
+    points : pandis.pipeline.kinds.network.training.batches.TrainingPoints
+    context : pandis.base.progress.Context
     """
 
-    def __init__(self, task, samples, strata, checkpoint, log):
-        options, seed = task.recipe, task.seed
+    def __init__(self, task, points, context):
+        options, seed, (samples, strata) = task.recipe, task.seed, points
+        self.context, self.log = context, context.log
         torch.set_num_threads(options.threads)
         keep_freed_memory()
         torch.backends.cuda.matmul.allow_tf32 = False
-        self.name, self.options, self.log = task.name, options, log
-        self.checkpoint = Path(checkpoint)
+        self.name, self.options, self.checkpoint = task.name, options, Path(context.checkpoint)
         self.device = self._pick_device(options.device)
         self.paper, self.own_gradient = options.loss == "paper", options.direction == "gradient"
         batch = options.batch
@@ -90,10 +85,12 @@ class Trainer:
                 places = vertex_points(strata.body)
             else:
                 places = area_points(samples)
-            self.batches = surface_batches(places, self.base, batch, seed, self.device)
+            self.batches = surface_batches(places, self.base, batch, seed=seed, device=self.device)
         else:
-            engine = on_device(strata.engine, self.device, log)
-            self.batches = fresh_batches(strata.asking(engine), self.base, batch, seed, self.device)
+            engine = on_device(strata.engine, self.device, self.log)
+            self.batches = fresh_batches(
+                strata.asking(engine), self.base, batch, seed=seed, device=self.device
+            )
         low, high = SamplesRecord.of(samples).strata["held-out"]
         columns = [samples.arrays[k][low:high] for k in ("points", "distance", "normal")]
         self.held_out = self._rows_of(*columns)
@@ -132,7 +129,7 @@ class Trainer:
 
     def _loss(self, rows):
         if not self.paper:
-            return loss_of(*self._outputs(rows), rows, self.options)
+            return loss_of(self._outputs(rows), rows, self.options)
         points, normal, n = rows[:, :3], rows[:, 4:7], len(rows)
         output, gradient = self.network.forward_with_gradient(torch.cat([points, rows[:, 7:10]]))
         if self.base is not None:
@@ -140,7 +137,14 @@ class Trainer:
             # the base's gradient is added to Ψ in the other columns, unless Φ is the only output
             output = output + known[:, : output.shape[1]]
             gradient = gradient + known[:, 1:]
-        return paper_loss(output[:n], gradient[:n], output[n:], gradient[n:], normal, self.options)
+        return paper_loss(
+            output[:n],
+            gradient[:n],
+            output[n:],
+            off_gradient=gradient[n:],
+            normal=normal,
+            options=self.options,
+        )
 
     def _rate(self, share):
         """Return the step size at a share of the budget, as a share of the largest step size.
@@ -177,12 +181,8 @@ class Trainer:
 
     # --- the run -----------------------------------------------------------------
 
-    def run(self, progress):
+    def run(self):
         """Train to the end of the budget.
-
-        Parameters
-        ----------
-        progress : pandis.base.progress.Progress
 
         Returns
         -------
@@ -197,7 +197,9 @@ class Trainer:
             The process was asked to stop: a checkpoint of the last step is written.
         """
         steps, seconds = self.options.steps, self.options.seconds
-        report = progress("training", steps or seconds, "steps" if steps else "seconds")
+        report = self.context.progress(
+            "training", steps or seconds, "steps" if steps else "seconds"
+        )
         self._resume()
         report.resume(self.step if steps else self.elapsed)
         with noted() as interrupted, own_stream(self.device):
@@ -206,12 +208,12 @@ class Trainer:
                     self.log("steps take longer without Warp: pip install warp-lang")
                 torch.autograd.grad(self._loss(self.batches.batch(self.step)), self.parameters)
                 self._offs(self.held_out[:QUICK]).mean().item()
-            note = self._until(steps, seconds, report, interrupted)
+            note = self._until(steps, seconds, report, interrupted=interrupted)
         result = self._result()
         self.log(f"{self.step} steps in {self.elapsed:.1f} s on {self.device}; {note}")
         return result
 
-    def _until(self, steps, seconds, report, interrupted):
+    def _until(self, steps, seconds, report, *, interrupted):
         """Take steps to the end of the budget; return a note with the last loss and error."""
         start, saved = time.monotonic() - self.elapsed, time.monotonic()
         every = max(1, steps // CURVE_POINTS) if steps else 50
