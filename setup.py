@@ -15,6 +15,11 @@ sys.path.insert(0, str(Path(__file__).parent / "workflow"))
 from pandis.base.errors import PandisError
 from pandis.engine.compiler import prebuild
 
+#: Files and folders beside the library that a run needs.
+WORKFLOW = (
+    "workflow/Snakefile", "workflow/envs", "workflow/profiles", "workflow/report",
+    "workflow/schemas", "rules", "scripts", "config",
+)  # fmt: skip
 #: Minor version of glibc 2.17, the newest that a manylinux2014 wheel may need.
 OLDEST = 17
 
@@ -38,12 +43,22 @@ class BuildPy(build_py):
         super().run()
         if self.editable_mode:
             return
+        self._copy_workflow()
         folder = Path(self.build_lib) / "pandis/engine/built"
         shutil.rmtree(folder, ignore_errors=True)  # an earlier build had other sources
         try:
             BuildPy.made = prebuild(folder, foreign())
         except PandisError as error:
             self.warn(f"{error}; the package will compile its C code on first use")
+
+    def _copy_workflow(self):
+        """Copy the Snakefile and everything that it needs, in the layout of a checkout."""
+        here, there = Path(__file__).parent, Path(self.build_lib) / "pandis/snakemake"
+        shutil.rmtree(there, ignore_errors=True)
+        for name in WORKFLOW:
+            copy = shutil.copytree if (here / name).is_dir() else shutil.copy
+            (there / name).parent.mkdir(parents=True, exist_ok=True)
+            copy(here / name, there / name)
 
 
 class Wheel(bdist_wheel):

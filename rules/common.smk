@@ -16,13 +16,13 @@ except ModuleNotFoundError as error:
 from pandis.pipeline.run.ask.catalogue import MESH_NAME
 from pandis.pipeline.run.plan.plan import open_plan
 
-# the folder of this repository's library, even if another workflow includes this one as a module
-root = Path(workflow.current_basedir).parent / "workflow"
+# the Snakefile's folder, even if another workflow includes this one as a module
+folder = Path(workflow.current_basedir).parent / "workflow"
 # the object store for the results, as `s3://bucket`, or empty
 store = workflow.storage_settings.default_storage_prefix
 stored.tell_copies(workflow.storage_settings)
 plan = open_plan(
-    config, root, workflow.configfiles, store=store, aloud=workflow.is_main_process
+    config, folder, workflow.configfiles, store=store, aloud=workflow.is_main_process
 )
 
 

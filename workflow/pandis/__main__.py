@@ -47,6 +47,8 @@ def main(arguments=None):
     view.add_argument("--size", type=float, default=0.1, help="length of the object, m (0.1)")
     view.add_argument("--stiffness", type=float, default=400.0, help="initial stiffness, N/m (400)")
     view.set_defaults(run=_view)
+    snakefile = commands.add_parser("snakefile", help="print the path of the workflow")
+    snakefile.set_defaults(run=_snakefile)
     words = parser.parse_args(arguments)
     return words.run(words)
 
@@ -109,6 +111,14 @@ def _csharp(words):
     from pandis.bridges.csharp import write_csharp
 
     return _done(lambda: print(*write_csharp(words.folder), sep="\n"))
+
+
+def _snakefile(words):
+    """Print the path of the Snakefile, beside the library or in the package."""
+    here = Path(__file__).resolve().parent
+    beside = here.parent / "Snakefile"
+    print(beside if beside.is_file() else here / "snakemake/workflow/Snakefile")
+    return 0
 
 
 def _view(words):

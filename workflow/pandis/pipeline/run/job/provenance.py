@@ -111,15 +111,20 @@ class CodeDigests:
 
     Parameters
     ----------
-    root : path-like
-        The folder that contains the package ``pandis`` (``workflow/``).
-    scripts : path-like, optional
-        The folder of the scripts; ``root/../scripts`` by default.
+    folder : path-like
+        The Snakefile's folder. The scripts are in ``folder/../scripts``.
+
+    Attributes
+    ----------
+    root : Path
+        The folder that contains the package ``pandis``: the Snakefile's in a checkout. The package
+        contains the Snakefile if it is installed.
     """
 
-    def __init__(self, root, scripts=None):
-        self.root = Path(root)
-        self.scripts = Path(scripts) if scripts else self.root.parent / "scripts"
+    def __init__(self, folder):
+        folder = Path(folder)
+        self.root = folder if (folder / "pandis").is_dir() else folder.parents[2]
+        self.scripts = folder.parent / "scripts"
         self._digests = {}
         self._imports, self._parts = {}, {}
         self._packages, self._versions = {}, {}

@@ -150,14 +150,15 @@ class Job:
     def check_code(self):
         """Refuse to run if the code differs from what was planned; set the options."""
         here = Path(__file__).resolve().parents[3]
-        expected = self.workflow() / "pandis"
+        digests = CodeDigests(self.workflow())
+        expected = digests.root / "pandis"
         if here != expected:
             raise PandisError(
                 f"the library was imported from {here}, but this workflow needs {expected}; "
                 "uninstall the imported one: pip uninstall pandis-fields"
             )
         # digest now, while the files are still those that this process has imported
-        self._modules = CodeDigests(self.workflow()).modules(self.stage, needs(self._params))
+        self._modules = digests.modules(self.stage, needs(self._params))
         if combine(self._modules) != self._snakemake.params.code:
             raise PandisError(CHANGED)
         try:

@@ -54,13 +54,13 @@ class Output(NamedTuple):
     wildcards: dict
 
 
-def open_plan(config, root, files, *, store, aloud=True):
+def open_plan(config, folder, files, *, store, aloud=True):
     """Return the plan, or print the configuration's faults and end the process.
 
     With ``aloud``, print which meshes are refused, and why; the other meshes run anyway.
     """
     try:
-        plan = Plan(config, root, files, store=store)
+        plan = Plan(config, folder, files, store=store)
     except PandisError as error:
         # Snakemake would print its own traceback around the message
         print(f"error: {error}", file=sys.stderr)
@@ -81,8 +81,8 @@ class Plan:
     ----------
     config : dict
         The parsed configuration.
-    root : path-like
-        Folder that contains the Snakefile and the package ``pandis``.
+    folder : path-like
+        Folder that contains the Snakefile.
     files : iterable of path-like
         The configuration files, to be checked for duplicate keys.
     store : str
@@ -94,7 +94,7 @@ class Plan:
         The configuration has faults; the message lists all of them.
     """
 
-    def __init__(self, config, root, files=(), *, store=""):
+    def __init__(self, config, folder, files=(), *, store=""):
         self.config = config
         # as a user would write them: relative to the working directory
         self.files = [os.path.relpath(path) for path in files]
@@ -110,7 +110,7 @@ class Plan:
         self.scenes = load_scenes(config, self.entries)
         #: Only the meshes and fields that scenes need; without scenes, all.
         self.needed = needed(self.entries, self.scenes)
-        self.digests = CodeDigests(root)
+        self.digests = CodeDigests(folder)
         self.sources = SourceDigests()
         self._options, self._codes = {}, {}
         self.store = store
@@ -153,7 +153,7 @@ class Plan:
 
         `snakemake -j1 -f calibrate` writes it to the working directory; a default table is shipped.
         """
-        shipped = self.digests.root.parent / QUERY_TIMES
+        shipped = self.digests.scripts.parent / QUERY_TIMES
         return QUERY_TIMES if Path(QUERY_TIMES).is_file() else os.path.relpath(shipped)
 
     @property
