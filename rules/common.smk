@@ -21,9 +21,7 @@ folder = Path(workflow.current_basedir).parent / "workflow"
 # the object store for the results, as `s3://bucket`, or empty
 store = workflow.storage_settings.default_storage_prefix
 stored.tell_copies(workflow.storage_settings)
-plan = open_plan(
-    config, folder, workflow.configfiles, store=store, aloud=workflow.is_main_process
-)
+plan = open_plan(config, folder, workflow.configfiles, store=store, aloud=workflow.is_main_process)
 
 
 # <results> in every rule is `results:` of the configuration
