@@ -90,7 +90,7 @@ def _network_of(body, options, steps):
 
 
 def _opened(name, arrays, attributes):
-    held = Artifact(Path("grid.zarr.zip"), "grid", arrays, attributes | UNIT.attributes(), {}, "")
+    held = Artifact("grid", arrays, attributes | UNIT.attributes(), path=Path("grid.zarr.zip"))
     return open_field(parse_field(name, ()), held)
 
 

@@ -80,7 +80,7 @@ def main(names):
             row = {"mesh": name, "field": field, "build_s": time.perf_counter() - start}
             row["disk_bytes"] = path.stat().st_size
             attributes = attributes | UNIT.attributes()
-            held = Artifact(None, "grid", arrays, attributes, {}, "")
+            held = Artifact("grid", arrays, attributes)
             made = open_field(known_field(field if kind != "spline" else "spline-auto"), held)
             row |= {"bytes": made.bytes, "flagged": 0}
             for where, (points, distance, normal) in sets.items():

@@ -88,7 +88,7 @@ def grid(name, engine):
         made = (
             spline(*mesh, 800_000, path) if size == "auto" else dense(*mesh, kind, int(size), path)
         )
-    held = Artifact(None, "grid", made[0], made[1] | UNIT_AT, {}, "")
+    held = Artifact("grid", made[0], made[1] | UNIT_AT)
     return open_field(known_field(name), held)
 
 
@@ -100,7 +100,7 @@ def network(path):
     shape = {key: options[key] for key in ("width", "depth", "omega")}
     shape["omega"] = shape["omega"] or usual_omega(shape["width"])
     shape["outputs"] = 1 if options["direction"] == "gradient" else 4
-    artifact = Artifact(None, "model", arrays, {"architecture": shape} | UNIT_AT, {}, "")
+    artifact = Artifact("model", arrays, {"architecture": shape} | UNIT_AT)
     return SirenField(options["recipe"], artifact), options
 
 

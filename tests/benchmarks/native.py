@@ -68,17 +68,17 @@ def fields(vertices, faces):
             body.distance, CONTENTS[kind], 64, band=(0.045, 0.02), progress=silent_progress
         )
         values = {"values": np.concatenate(list(made.slabs(64)))}
-        held = Artifact(None, "grid", values, made.attributes() | UNIT_AT, {}, "")
+        held = Artifact("grid", values, made.attributes() | UNIT_AT)
         yield f"{kind}-64", kind, open_field(parse_field(f"{kind}-64", ()), held)
     fitted = SplineFit(body, (0.045, 0.02), 0, count=samples_for(budget=800_000))
     arrays, attributes = fitted.build(fitted.choose_size(800_000), 800_000, silent_progress)
-    held = Artifact(None, "grid", arrays, attributes | UNIT_AT, {}, "")
+    held = Artifact("grid", arrays, attributes | UNIT_AT)
     yield "spline-auto", "spline", open_field(parse_field("spline-auto", ()), held)
     for outputs in (4, 1):
         network = Siren(256, 4, 30.0, outputs=outputs, generator=torch.Generator().manual_seed(0))
         shape = {"width": 256, "depth": 4, "omega": 30.0, "outputs": outputs}
         weights = named_arrays(list(network.parameters()))
-        held = Artifact(None, "model", weights, UNIT_AT | {"architecture": shape}, {}, "")
+        held = Artifact("model", weights, UNIT_AT | {"architecture": shape})
         name = "network 4×256" if outputs == 4 else "network 4×256, gradient"
         yield name, (held, network), SirenField(name, held)
 

@@ -66,12 +66,12 @@ def train(body, recipe, checkpoint):
     """Train a network of a body; return it, and the trainer, which knows how long that took."""
     strata = Strata(body, SampleOptions(), 0)
     arrays = strata.arrays(silent_progress)
-    samples = Artifact(None, "samples", arrays, strata.attributes(), {}, "")
+    samples = Artifact("samples", arrays, strata.attributes())
     task = TrainTask(kind="network", name=RECIPE, recipe=recipe, seed=SEED)
     context = Context(checkpoint, silent_progress, lambda text: None)
     trainer = Trainer(task, TrainingPoints(samples, strata), context)
     arrays, attributes = trainer.run()
-    model = Artifact(None, "model", arrays, attributes | UNIT.attributes(), {}, "")
+    model = Artifact("model", arrays, attributes | UNIT.attributes())
     return SirenField(RECIPE, model), trainer
 
 

@@ -52,7 +52,7 @@ def fitted(body, budget=BYTES):
     fit = SplineFit(body, (0.045, 0.02), 7, count=samples_for(budget=budget))
     arrays, attributes = fit.build(fit.choose_size(budget), budget, silent_progress)
     attributes |= UNIT.attributes()
-    return SplineField("spline-auto", Artifact(None, "grid", arrays, attributes, {}, ""))
+    return SplineField("spline-auto", Artifact("grid", arrays, attributes))
 
 
 def main():

@@ -68,7 +68,7 @@ class Scan:
         only |= {"surface": 50_000, "box": 50_000}
         self.paper_strata = SharedStrata(body, law.model_copy(update=only), 0)
         arrays = self.strata.arrays(silent_progress)
-        self.samples = Artifact(None, "samples", arrays, self.strata.attributes(), {}, "")
+        self.samples = Artifact("samples", arrays, self.strata.attributes())
         self.sets = probes(body, 50_000, seed=1)
         box = np.random.default_rng(3).uniform(-1, 1, (50_000, 3))
         distance, normal = body.distance.distance_and_normal(box)
@@ -159,7 +159,7 @@ class Training:
         np.savez(self.weights, **arrays, options=repr(self.options | self.changes))
         trainer.finish()
         attributes |= UNIT.attributes()
-        field = SirenField(self.recipe, Artifact(None, "model", arrays, attributes, {}, ""))
+        field = SirenField(self.recipe, Artifact("model", arrays, attributes))
         shown = self.options["batch"] * (2 if trainer.paper else 1) * trainer.step
         return {
             "mesh": self.mesh,

@@ -194,7 +194,7 @@ def choose(combination, mesh, body, folder):
     arrays, attributes, finish = Chooser(points, task, times, context=context).choose()
     finish()
     attributes |= body.frame.attributes()
-    held = Artifact(Path("choice.zarr.zip"), "choice", arrays, attributes, {}, "")
+    held = Artifact("choice", arrays, attributes, path=Path("choice.zarr.zip"))
     spec = parse_field("auto", ["auto"])
     # exact is kept with the mesh's vertices and faces, as the mesh is
     field, options = open_field(spec, held), NativeOptions(weight_bits=task.weight_bits)

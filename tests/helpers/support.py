@@ -127,7 +127,7 @@ def results(folder):
 
 def artifact(kind, arrays, attributes):
     """Return an artifact as a stage would read it, without a file."""
-    return Artifact(Path(f"{kind}.zarr.zip"), kind, arrays, attributes, {}, "")
+    return Artifact(kind, arrays, attributes, path=Path(f"{kind}.zarr.zip"))
 
 
 # --- meshes -----------------------------------------------------------------------

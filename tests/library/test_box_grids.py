@@ -51,7 +51,7 @@ def baked(kind, engine, size, band):
     grid = DenseGrid(engine, "force-box", size, band=band, progress=silent_progress)
     values = np.concatenate(list(grid.slabs(16)))
     attributes = grid.attributes() | FRAME.attributes()
-    return open_as(kind, Artifact(None, "grid", {"values": values}, attributes, {}, ""))
+    return open_as(kind, Artifact("grid", {"values": values}, attributes))
 
 
 def naive(kind, engine, vertices, size, points):
@@ -191,7 +191,7 @@ def test_the_same_bytes_err_less_on_the_box_than_on_the_cube():
     cube = DenseGrid(engine, "force", 48, band=BAND, progress=silent_progress)
     values = np.concatenate(list(cube.slabs(48)))
     attributes = cube.attributes() | FRAME.attributes()
-    held = Artifact(None, "grid", {"values": values}, attributes, {}, "")
+    held = Artifact("grid", {"values": values}, attributes)
     errors = {}
     for name, field in {
         "cube": open_as("trilinear", held),
@@ -210,6 +210,6 @@ def test_older_readers_still_take_grids_on_the_cube():
     cube = DenseGrid(engine, "force", 8, band=BAND, progress=silent_progress)
     values = np.concatenate(list(cube.slabs(8)))
     attributes = cube.attributes() | FRAME.attributes()
-    held = Artifact(None, "grid", {"values": values}, attributes, {}, "")
+    held = Artifact("grid", {"values": values}, attributes)
     plain = native_bytes(open_as("trilinear", held), {})
     assert (plain[12], own[12]) == (1, 2)

@@ -46,7 +46,7 @@ def field(kind, engine, size, band=BAND):
     grid = DenseGrid(engine, CONTENT[kind], size, band=band, progress=silent_progress)
     attributes = grid.attributes() | FRAME.attributes()
     values = np.concatenate(list(grid.slabs(7)))
-    return open_as(kind, Artifact(None, "grid", {"values": values}, attributes, {}, ""))
+    return open_as(kind, Artifact("grid", {"values": values}, attributes))
 
 
 def in_band(body, count, seed=0, band=BAND):
@@ -340,7 +340,7 @@ def made_spline(body, budget):
 
 def open_spline(arrays, attributes):
     attributes = attributes | FRAME.attributes()
-    return open_as("spline", Artifact(None, "grid", arrays, attributes, {}, ""))
+    return open_as("spline", Artifact("grid", arrays, attributes))
 
 
 def spline_field(body, budget):
@@ -505,7 +505,7 @@ def test_vti_says_what_the_field_says(torus, kind, tmp_path):
     else:
         grid = DenseGrid(engine, CONTENTS[kind], 20, band=BAND, progress=silent_progress)
         arrays, attributes = {"values": np.concatenate(list(grid.slabs(20)))}, grid.attributes()
-    held = Artifact(None, "grid", arrays, attributes | FRAME.attributes(), {}, "")
+    held = Artifact("grid", arrays, attributes | FRAME.attributes())
     name = f"{kind}-{attributes['grid']['size']}"
     path = tmp_path / "grid.vti"
     path.write_bytes(export_vti(name, held, {"why": "a -- b"}))

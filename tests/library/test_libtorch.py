@@ -23,7 +23,7 @@ def test_program_in_cpp_answers_as_onnx_does_and_is_timed(tmp_path, outputs):
     path = tmp_path / "net.pt2"
     path.write_bytes(export_program("net", held, {}, log=print))
     path.with_suffix(".onnx").write_bytes(export_network("net", held, {}, log=print))
-    mesh = Artifact(None, "mesh", {}, FRAME.attributes(), {}, "")
+    mesh = Artifact("mesh", {}, FRAME.attributes())
     points = np.random.default_rng(0).uniform(-0.9, 0.9, (300, 3))
     found, options = {"net": {}}, TimingOptions(queries=700)
     arrays = timing.time_program(path, mesh, points, options=options, figures=found, log=print)
@@ -47,7 +47,7 @@ def test_a_wrong_answer_is_not_reported(monkeypatch, tmp_path):
     held, _ = model(16, 2)
     path = tmp_path / "net.onnx"
     path.write_bytes(export_network("net", held, {}, log=print))
-    mesh = Artifact(None, "mesh", {}, UNIT.attributes(), {}, "")
+    mesh = Artifact("mesh", {}, UNIT.attributes())
     wrong = np.full(10, -0.1), np.tile([0.0, 0, 1], (10, 1)), np.ones(5)
     monkeypatch.setattr(libtorch, "ask", lambda *_: wrong)
     with pytest.raises(PandisError, match=r"set timing\.libtorch to false"):

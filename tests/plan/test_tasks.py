@@ -116,6 +116,6 @@ def test_a_paper_recipe_may_stand_for_the_chosen_network():
 
 
 def test_attributes_of_another_version_are_a_sentence():
-    artifact = Artifact(Path("x.zarr.zip"), "stress", {}, {"fields": {}}, {}, "")
+    artifact = Artifact("stress", {}, {"fields": {}}, path=Path("x.zarr.zip"))
     with pytest.raises(ArtifactError, match=r"x\.zarr\.zip: made by another version of pandis"):
         StressRecord.of(artifact)

@@ -58,4 +58,4 @@ def timed(torus):
 def _packed(body):
     arrays, record = pack_body(body, _BITS)
     attributes = record.attributes() | body.frame.attributes()
-    return CompactField(KIND.name, Artifact(None, KIND.name, arrays, attributes, {}, ""))
+    return CompactField(KIND.name, Artifact(KIND.name, arrays, attributes))

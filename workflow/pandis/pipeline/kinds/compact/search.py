@@ -104,7 +104,7 @@ class Packer:
     def _candidate(self, arrays, record):
         attributes = record.attributes()
         frame = self.body.frame.attributes()
-        artifact = Artifact(None, KIND.name, arrays, attributes | frame, {}, "")
+        artifact = Artifact(KIND.name, arrays, attributes | frame)
         return Candidate(CompactField(f"{KIND.name}-auto", artifact), arrays, attributes)
 
     def _packed(self, bits):

@@ -39,7 +39,7 @@ class GridMaker(Maker):
         )
         arrays = {"values": np.concatenate(list(grid.slabs(32)))}
         attributes = grid.attributes()
-        artifact = Artifact(None, "grid", arrays, attributes | body.frame.attributes(), {}, "")
+        artifact = Artifact("grid", arrays, attributes | body.frame.attributes())
         spec = KIND.parse(f"{self.form}-{size}", None)
         return Candidate(open_field(spec, artifact), arrays, attributes)
 

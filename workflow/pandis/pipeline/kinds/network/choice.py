@@ -32,7 +32,7 @@ def choose(chooser):
     # use another seed: splines that were tried have used the points drawn with this job's seed
     strata = Strata(points.body, options.samples, options.seed + 1)
     drawn = strata.arrays(chooser.progress)
-    samples = Artifact(None, "samples", drawn, strata.attributes(), {}, "")
+    samples = Artifact("samples", drawn, strata.attributes())
     task = TrainTask(kind=KIND.name, name=name, recipe=recipe, seed=options.seed)
 
     def judge(trainer, arrays, attributes):
@@ -40,7 +40,7 @@ def choose(chooser):
         if measured.why:
             return measured
         frame = chooser.body.frame.attributes()
-        artifact = Artifact(None, "model", arrays, attributes | frame, {}, "")
+        artifact = Artifact("model", arrays, attributes | frame)
         return chooser.proved(SirenField(name, artifact), measured)
 
     try:
@@ -85,4 +85,4 @@ def _untrained(frame, base, width):
     arrays = named_arrays(list(network.parameters())) | {"base": base}
     shape = {"width": width, "depth": _DEPTH, "omega": _OMEGA, "outputs": 1}
     attributes = {"architecture": shape, **frame.attributes()}
-    return SirenField(KIND.name, Artifact(None, "model", arrays, attributes, {}, ""))
+    return SirenField(KIND.name, Artifact("model", arrays, attributes))

@@ -42,7 +42,7 @@ class SplineMaker(Maker):
             return None
         arrays, attributes = self._fit.build(nodes, size, self.progress)
         frame = self.points.body.frame.attributes()
-        artifact = Artifact(None, "grid", arrays, attributes | frame, {}, "")
+        artifact = Artifact("grid", arrays, attributes | frame)
         return Candidate(SplineField(self.form, artifact), arrays, attributes)
 
     def largest(self, budget):

@@ -18,7 +18,7 @@ import os
 import zipfile
 from collections.abc import Mapping
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
@@ -34,28 +34,29 @@ _CHUNK_BYTES = 1 << 22
 
 @dataclass(frozen=True)
 class Artifact:
-    """A result that was read and passed all checks.
+    """A result: in memory, or read from a file that passed all checks.
 
     Attributes
     ----------
-    path : Path
     kind : str
         ``mesh``, ``samples``, ``model``, ``grid``, …
     arrays : dict of str to ndarray
     attributes : dict
         Everything that the stage stores besides the arrays.
+    path : Path or None
+        The file; None in memory.
     provenance : dict
-        Options, code, inputs and versions that made the artifact.
+        Options, code, inputs and versions that made the artifact; empty in memory.
     digest : str
-        SHA-256 of kind, arrays and attributes; provenance excluded.
+        SHA-256 of kind, arrays and attributes; provenance excluded. Empty in memory.
     """
 
-    path: Path | None
     kind: str
     arrays: dict
     attributes: dict
-    provenance: dict
-    digest: str
+    path: Path | None = None
+    provenance: dict = field(default_factory=dict)
+    digest: str = ""
 
 
 def array_digest(name, array):
@@ -333,7 +334,9 @@ def read_artifact(path, kind=None):
         raise _damaged(path, f"array {', '.join(wrong)} differs from its digest")
     if content_digest(stored_kind, digests, attributes) != recorded:
         raise _damaged(path, "its attributes differ from their digest")
-    return Artifact(path, stored_kind, read, attributes, provenance, recorded)
+    return Artifact(
+        stored_kind, read, attributes, path=path, provenance=provenance, digest=recorded
+    )
 
 
 def file_digest(path):
