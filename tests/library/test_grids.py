@@ -456,7 +456,7 @@ def test_sizing(torus, kind, target, monkeypatch):
     monkeypatch.setattr(GridMaker, "sizes", (16, 24, 32, 48))
     task, points = asked("grid", kind, **target), Points(torus, SCALE, 1)
     maker = GridMaker(kind, points, BAND, progress=silent_progress)
-    arrays, attributes = search(maker, points, task, log=silent)
+    arrays, attributes = search(maker, task, silent)
     sizing = attributes["sizing"]
     if "bytes" in target:
         # of pandis.h, which holds a node more on every side
@@ -481,7 +481,7 @@ def test_spline_sized_by_error_does_not_depend_on_what_was_tried(torus, monkeypa
     task, lines = asked("spline", "spline", force_error=2e-3), []
     points = Points(torus, SCALE, 1)
     maker = SplineMaker(points, BAND, silent_progress, most=120_000)
-    arrays, attributes = search(maker, points, task, log=lines.append)
+    arrays, attributes = search(maker, task, lines.append)
     assert attributes["sizing"]["held_out_error"] <= 2e-3
     assert any("does not cover the band" in line for line in lines)
     size = next(

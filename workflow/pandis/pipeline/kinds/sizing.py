@@ -6,6 +6,7 @@ from typing import NamedTuple
 from pandis.base.errors import PandisError
 from pandis.base.forces import penalty_force
 from pandis.base.physical import Scale
+from pandis.pipeline.geometry.body import Body
 from pandis.pipeline.geometry.points import Points
 from pandis.pipeline.kinds.field import Field
 from pandis.pipeline.run.records.choice import Chosen
@@ -57,6 +58,8 @@ class Maker(ABC):
     Attributes
     ----------
     form : str
+    points : pandis.pipeline.geometry.points.Points
+        Points of the body, on which sizes are compared.
     sizes : tuple of int
         Sizes tried, from small to large.
     """
@@ -88,18 +91,24 @@ class Maker(ABC):
         return any(self.hopeless(s, m.figures, limits, other=size) for s, m in tried)
 
 
-def points_of(body, task):
-    """Return the `Points` on which a `SearchTask` compares sizes."""
-    return Points(body, Scale.of(task.device), task.seed)
+def points_of(job):
+    """Return the `Points` on which the job of a `SearchTask` compares sizes."""
+    task = job.options
+    return Points(Body.open(job.read("mesh", "mesh")), Scale.of(task.device), task.seed)
 
 
-def search(maker, points, task, *, log):
+def write_sized(job, maker):
+    """Find the size of one field, and write its artifact: see `search`."""
+    arrays, attributes = search(maker, job.options, job.log)
+    job.write("grid", arrays, attributes | maker.points.body.frame.attributes())
+
+
+def search(maker, task, log):
     """Find the size of one field, for `…-auto`.
 
     Parameters
     ----------
     maker : Maker
-    points : pandis.pipeline.geometry.points.Points
     task : pandis.pipeline.run.ask.kind.SearchTask
     log : pandis.base.progress.Log
 
@@ -113,7 +122,7 @@ def search(maker, points, task, *, log):
     PandisError
         No size meets the error limits, or fits into the given number of bytes.
     """
-    target, what = task.target, f"{maker.form}-auto (bake.auto.{maker.form})"
+    points, target, what = maker.points, task.target, f"{maker.form}-auto (bake.auto.{maker.form})"
     if target.bytes is None:
         candidate, tried = _smallest(maker, points, target, what=what, log=log)
     else:

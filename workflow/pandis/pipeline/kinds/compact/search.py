@@ -5,7 +5,6 @@ from itertools import chain
 from math import inf
 
 from pandis.base.errors import PandisError
-from pandis.pipeline.geometry.body import Body
 from pandis.pipeline.geometry.measure import promise
 from pandis.pipeline.kinds.compact.packing import (
     bound_deviation,
@@ -219,6 +218,6 @@ def build(job):
     PandisError
         See `CompactSizing.find`.
     """
-    body, task = Body.open(job.read("mesh", "mesh")), job.options
-    arrays, attributes = CompactSizing(points_of(body, task), task, job.log).find()
-    job.write("compact", arrays, attributes | body.frame.attributes())
+    points = points_of(job)
+    arrays, attributes = CompactSizing(points, job.options, job.log).find()
+    job.write("compact", arrays, attributes | points.body.frame.attributes())

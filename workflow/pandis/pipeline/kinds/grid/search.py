@@ -2,11 +2,10 @@
 
 import numpy as np
 
-from pandis.pipeline.geometry.body import Body
 from pandis.pipeline.kinds.grid.dense import CHANNELS, DenseGrid
 from pandis.pipeline.kinds.grid.reference import open_field
 from pandis.pipeline.kinds.grid.spec import BOX, CONTENTS, KIND
-from pandis.pipeline.kinds.sizing import Candidate, Maker, points_of, search
+from pandis.pipeline.kinds.sizing import Candidate, Maker, points_of, write_sized
 from pandis.pipeline.run.job.artifact import Artifact
 
 #: Maximum nodes per axis, however large the budget.
@@ -69,10 +68,7 @@ def build(job):
     Raises
     ------
     PandisError
-        See `search`.
+        See `pandis.pipeline.kinds.sizing.search`.
     """
-    body, task = Body.open(job.read("mesh", "mesh")), job.options
-    points = points_of(body, task)
-    maker = GridMaker(task.form, points, task.band, progress=job.progress)
-    arrays, attributes = search(maker, points, task, log=job.log)
-    job.write("grid", arrays, attributes | body.frame.attributes())
+    task = job.options
+    write_sized(job, GridMaker(task.form, points_of(job), task.band, progress=job.progress))

@@ -2,8 +2,7 @@
 
 from functools import cached_property
 
-from pandis.pipeline.geometry.body import Body
-from pandis.pipeline.kinds.sizing import Candidate, Maker, points_of, search
+from pandis.pipeline.kinds.sizing import Candidate, Maker, points_of, write_sized
 from pandis.pipeline.kinds.spline.lattices import SplineFit, samples_for
 from pandis.pipeline.kinds.spline.reference import SplineField
 from pandis.pipeline.run.job.artifact import Artifact
@@ -64,10 +63,7 @@ def build(job):
     Raises
     ------
     PandisError
-        See `search`.
+        See `pandis.pipeline.kinds.sizing.search`.
     """
-    body, task = Body.open(job.read("mesh", "mesh")), job.options
-    points, most = points_of(body, task), task.target.bytes or SplineMaker.sizes[-1]
-    maker = SplineMaker(points, task.band, job.progress, most=most)
-    arrays, attributes = search(maker, points, task, log=job.log)
-    job.write("grid", arrays, attributes | body.frame.attributes())
+    most = job.options.target.bytes or SplineMaker.sizes[-1]
+    write_sized(job, SplineMaker(points_of(job), job.options.band, job.progress, most=most))
