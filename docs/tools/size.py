@@ -56,8 +56,8 @@ COUNTS = {".py": python_lines, ".smk": rule_lines, "": rule_lines, ".c": c_lines
 
 
 def main(checkout):
-    """Print the lines of each folder."""
-    root, sums = Path(checkout), {}
+    """Print the lines of each folder, and of each language."""
+    root, sums, languages = Path(checkout), {}, {}
     for path in sorted(p for part in ("workflow", "rules", "scripts")
                        for p in (root / part).rglob("*")):  # fmt: skip
         inside = path.relative_to(root)
@@ -66,9 +66,11 @@ def main(checkout):
             folder = "/".join(inside.parts[:-1][:4])
             lines = COUNTS[path.suffix](path.read_text(encoding="utf-8"))
             sums[folder] = sums.get(folder, 0) + lines
+            languages[path.suffix] = languages.get(path.suffix, 0) + lines
     for folder, lines in sums.items():
         print(f"{lines:7,}  {folder}")
-    print(f"{sum(sums.values()):7,}  in all")
+    each = ", ".join(f"{lines:,} {suffix or 'Snakefile'}" for suffix, lines in languages.items())
+    print(f"{sum(sums.values()):7,}  in all: {each}")
 
 
 if __name__ == "__main__":
