@@ -19,5 +19,5 @@ with stage(snakemake, SummaryTask) as job:
     why = job.provenance() | {"table": hashlib.sha256(table).hexdigest()}
     job.write_file(seal(build(rows).encode(), why, ".html"))
     job.write_file(table, 1)
-    # no mesh is left out any more: remove the list that an earlier run wrote
+    # no mesh is refused now, so remove the list that an earlier run may have written
     Path(job.output[0]).with_name("refused.json").unlink(missing_ok=True)

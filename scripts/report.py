@@ -15,5 +15,5 @@ with stage(snakemake, SummaryTask) as job:
     }
     sections = mesh_sections(meshes, job.threads, job.progress, note=job.note_digest)
     job.write_file(seal(build(sections).encode(), job.provenance(), ".html"))
-    # no mesh is left out any more: remove the list that an earlier run wrote
+    # no mesh is refused now, so remove the list that an earlier run may have written
     Path(job.output[0]).with_name("refused.json").unlink(missing_ok=True)

@@ -1,4 +1,4 @@
-"""Check the whole chain of results against the configuration; exit 1 on a mismatch."""
+"""Check the whole chain of results against the configuration; exit with status 1 on a mismatch."""
 
 from pandis.pipeline.check.verification import demand_files, verify
 from pandis.pipeline.run.ask.tasks import VerifyTask

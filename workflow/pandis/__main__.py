@@ -54,7 +54,7 @@ def main(arguments=None):
 
 
 def _info(words):
-    """Describe files; return 1 if any cannot be read, after describing all others."""
+    """Describe all files that can be read; return 1 if any cannot, otherwise 0."""
     from pandis.runtime.info import describe, facts
 
     status, every = 0, []
@@ -74,7 +74,7 @@ def _info(words):
 
 
 def _done(work, *arguments, **options):
-    """Call a function and return the exit status: 0, or 1 after printing why it failed."""
+    """Call a function and return 0; if it fails, print the reason and return 1."""
     try:
         work(*arguments, **options)
     except (PandisError, OSError) as error:
@@ -114,7 +114,7 @@ def _csharp(words):
 
 
 def _snakefile(words):
-    """Print the path of the Snakefile, beside the library or in the package."""
+    """Print the path of the Snakefile: beside the library if there is one, else in the package."""
     here = Path(__file__).resolve().parent
     beside = here.parent / "Snakefile"
     print(beside if beside.is_file() else here / "snakemake/workflow/Snakefile")

@@ -1,10 +1,10 @@
-"""The environment of Python processes that the library starts."""
+"""Environment variables for the Python processes that the library starts."""
 
 import os
 
 
 def python_path(root):
-    """Return PYTHONPATH for a child process: a folder, then the folders that are on it already.
+    """Return PYTHONPATH for a child process: ``root``, followed by the folders already on it.
 
     On clusters, environment modules provide packages through PYTHONPATH.
     """

@@ -20,7 +20,7 @@ class Frame(NamedTuple):
     centre : tuple of float
         Centre of the bounding box, mesh units.
     scale : float
-        Unit-frame lengths per mesh unit.
+        Unit-frame length of one mesh unit.
     """
 
     centre: tuple[float, float, float]
@@ -53,5 +53,5 @@ class Frame(NamedTuple):
         return cls(tuple(centre.tolist()), float(UNIT_SIDE / (high - low).max()))
 
 
-#: The frame of points that are already in the unit frame.
+#: The identity transform, for points that are already in the unit frame.
 UNIT = Frame((0.0, 0.0, 0.0), 1.0)

@@ -26,10 +26,10 @@ class Scale(NamedTuple):
 
     @property
     def metre(self):
-        """Unit-frame lengths per metre."""
+        """Unit-frame length of one metre."""
         return UNIT_SIDE / self.size
 
     @property
     def newtons(self):
-        """Newtons per unit of force in the unit frame at k = 1."""
+        """Newtons per unit of unit-frame force computed at k = 1."""
         return self.stiffness / self.metre

@@ -1,4 +1,4 @@
-"""What long work reports to: a line of text, or how much is done."""
+"""Interfaces through which long computations report: lines of text, and progress."""
 
 from pathlib import Path
 from typing import NamedTuple, Protocol, runtime_checkable
@@ -6,7 +6,7 @@ from typing import NamedTuple, Protocol, runtime_checkable
 
 @runtime_checkable
 class Log(Protocol):
-    """Takes lines of text."""
+    """Receives lines of text."""
 
     def __call__(self, text: str) -> None:
         """Write a line."""
@@ -14,21 +14,21 @@ class Log(Protocol):
 
 @runtime_checkable
 class Report(Protocol):
-    """Takes the progress of one computation."""
+    """Receives the progress of one computation."""
 
     def resume(self, done: float) -> None:
-        """Set the amount that an earlier run finished, which rates do not count."""
+        """Set the amount that an earlier run finished; rates exclude it."""
 
     def update(self, done: float, note: str = "") -> None:
-        """Report the amount that is finished."""
+        """Report the amount finished so far."""
 
 
 @runtime_checkable
 class Progress(Protocol):
-    """Begins reports."""
+    """Creates reports."""
 
     def __call__(self, what: str, total: float, unit: str = "points") -> Report:
-        """Return a report of a computation, given its name and its amount of work in a unit."""
+        """Return a progress report for a computation, given its name, total work and its unit."""
 
 
 class Context(NamedTuple):

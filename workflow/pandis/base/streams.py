@@ -1,4 +1,4 @@
-"""Random streams of each stage, by name.
+"""Numbers that select each stage's random streams.
 
 Every stage has its own seed (`pandis.pipeline.run.plan.stages.stage_seed`). Within a stage every
 purpose has its own stream, so that drawing more for one leaves the others unchanged. Two purposes
@@ -7,7 +7,7 @@ of one stage never share a number. Changing a number changes results.
 
 import numpy as np
 
-#: Stage evaluate. Its probe sets, shallow and deep, use 0 and 1.
+#: Stage evaluate. Its shallow and deep probe sets use streams 0 and 1.
 CONTACTS, COVERAGE = 6, 13
 #: Stage stress.
 PLACES, QUESTIONS, WANDER, TICKS = 1, 2, 3, 4

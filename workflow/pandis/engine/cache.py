@@ -20,7 +20,7 @@ def cache_folder():
 def keep(path, data):
     """Write a cache file atomically, even if other processes write it at the same time.
 
-    If the cache cannot be written, later processes only repeat the work.
+    If the cache is not writable, do nothing: later processes merely repeat the work.
     """
     part = None
     try:
@@ -37,7 +37,7 @@ def keep(path, data):
 def remembered(maker, text, make):
     """Return the result of `make`, from the cache if an earlier process has stored it.
 
-    A digest is stored before each result; damaged results are computed again.
+    Each result is stored with a digest, so that a damaged one is detected and recomputed.
 
     Parameters
     ----------
@@ -46,7 +46,7 @@ def remembered(maker, text, make):
     text : bytes
         Everything else that the result depends on.
     make : callable
-        Computes the result, a value that JSON can store.
+        Computes the result, which must be JSON-serialisable.
     """
     path = cache_folder() / "texts" / hashlib.sha256(_identity(maker) + text).hexdigest()
     try:
@@ -57,7 +57,7 @@ def remembered(maker, text, make):
         pass
     stored = json.dumps(make()).encode()
     keep(path, _digest(stored) + b"\n" + stored)
-    return json.loads(stored)  # as later processes will read it
+    return json.loads(stored)  # the same value that later processes read
 
 
 def _digest(data):

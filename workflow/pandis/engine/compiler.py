@@ -15,8 +15,8 @@ from pandis.engine import prebuilt
 from pandis.engine.cache import cache_folder
 from pandis.engine.sources import included
 
-#: No reassociation and no fused multiply-add, so results do not depend on the machine. Without
-#: errno and traps the compiler can use vectors.
+#: Reassociation and fused multiply-add are off, so results do not depend on the machine. Errno and
+#: traps are off, so the compiler can vectorise.
 FLAGS = (
     "-std=c99",
     "-O3",
@@ -41,7 +41,7 @@ def load(source):
 
 
 def compiled(source, headers=()):
-    """Return the library of a C file: prebuilt, from the cache, or compiled now.
+    """Return the path of a C file's library, which is prebuilt, cached or compiled now.
 
     Parameters
     ----------
@@ -71,14 +71,14 @@ def compiled(source, headers=()):
 
 
 def prebuild(folder, headers):
-    """Compile the libraries of a package (`pandis.engine.prebuilt`) into a folder.
+    """Compile the libraries that the package ships (`pandis.engine.prebuilt`) into a folder.
 
     Parameters
     ----------
     folder : Path
     headers : dict of str to Path
-        For each library, the folder of another project's headers. Libraries that need such headers
-        and have no entry are left out.
+        For each library, the folder of the other project's headers that it needs. Libraries that
+        need such headers but have no entry are left out.
 
     Returns
     -------
@@ -139,7 +139,7 @@ def build(command, source, libraries, *, name):
 
 
 def _compile(command, compiled):
-    """Compile to a path, or to a temporary folder if the cache cannot be written."""
+    """Compile to a path, or to a temporary folder if that path is not writable; return the path."""
     try:
         compiled.parent.mkdir(parents=True, exist_ok=True)
         folder = tempfile.mkdtemp(dir=compiled.parent)

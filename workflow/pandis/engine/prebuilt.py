@@ -1,4 +1,4 @@
-"""Compiled libraries in the package: users who only query fields need no compiler.
+"""Finds the compiled libraries that the package ships, so that querying fields needs no compiler.
 
 They are built with the package. A checkout has none and compiles each source on first use.
 """
@@ -23,11 +23,11 @@ LIBRARIES = {
 }
 #: Libraries that need another project's headers: built only where those headers are found.
 FOREIGN = {"pandis-mujoco"}
-#: For each architecture, the compiler's name of the oldest supported processor. Hot loops are also
-#: compiled for AVX2, and selected at run time. Results are the same to the last bit.
+#: For each architecture, the compiler's name for the oldest supported processor. Hot loops are also
+#: compiled for AVX2; which version runs is decided at run time. Both give identical results.
 KINDS = {"x86_64": "x86-64", "aarch64": "armv8-a"}
-#: Omit unwind tables, because C code throws no exceptions: libraries get a twentieth smaller.
-#: Unroll only short loops: libraries get another seventh smaller, and no slower.
+#: Omitting unwind tables (C code throws no exceptions) makes libraries a twentieth smaller.
+#: Unrolling only short loops makes them another seventh smaller, and no slower.
 SMALLER = ("-fno-asynchronous-unwind-tables", "-fno-unwind-tables", "-fno-align-functions",
            "-fno-align-loops", "-fno-align-jumps", "-fno-plt",
            "--param=max-completely-peeled-insns=80", "-Wl,-z,noseparate-code",
@@ -67,7 +67,7 @@ def together(library):
 
 @cache
 def processor():
-    """Return the processor's features as the system lists them, else its name."""
+    """Return the processor's features as listed by the system, or its name if there is no list."""
     try:
         lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
     except OSError:

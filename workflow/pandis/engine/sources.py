@@ -42,8 +42,8 @@ def included(source):
 def tokens(text):
     """Return the tokens of C source that a compiler sees, without comments and layout.
 
-    A line end is kept if it ends a directive, and a space if it is between a macro's name and a
-    parenthesis, because the macro in ``#define f (x)`` takes no argument.
+    A line end that ends a directive is kept. So is a space between a macro's name and a
+    parenthesis: without it, the macro in ``#define f (x)`` would take an argument.
     """
     seen, directive, fresh, spaced = [], False, True, False
     for match in _TOKEN.finditer(text):

@@ -6,7 +6,7 @@ from itertools import pairwise
 
 #: Fewer points than this are not worth a second thread.
 SMALL = 2048
-#: Pieces per thread: pieces differ in duration, and small ones shorten the wait for the last.
+#: Pieces per thread. Durations differ, and smaller pieces shorten the wait for the last one.
 _PIECES = 8
 
 
@@ -28,7 +28,7 @@ def in_threads(part, count, parts=None, *, small=SMALL):
     parts : int, optional
         Number of pieces; by default several per thread.
     small : int
-        Count from which a second thread is used; each further thread requires half as much more.
+        Count from which a second thread is used. Each further thread requires half that count more.
 
     Returns
     -------

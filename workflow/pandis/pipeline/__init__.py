@@ -1,1 +1,1 @@
-"""Everything that makes files: the stages that Snakemake runs."""
+"""The code that creates files: the stages that Snakemake runs."""

@@ -27,7 +27,7 @@ def facts(path):
         words), ``size`` and ``centre`` (of the object's box, mesh units; ``size`` is None if the
         file does not store it), ``longest`` (longest side), ``regions``, ``proxy`` (empty, or why
         there is none), ``faces`` (whether answers name the nearest face), ``microseconds`` (median
-        of a query in the box on this machine), ``provenance``.
+        time of a query in the box, on this machine), ``provenance``.
 
     Raises
     ------
@@ -135,7 +135,7 @@ def _maker(provenance):
 
 
 def _text_in(provenance, part, name):
-    """Return a string in a part of a provenance; empty if missing, as in hand-written files."""
+    """Return a string from part of a provenance; empty if missing, as in hand-written files."""
     there = provenance.get(part)
     text = there.get(name) if isinstance(there, dict) else None
     return text if isinstance(text, str) else ""

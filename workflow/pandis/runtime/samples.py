@@ -19,8 +19,8 @@ def sample(shape: str, *sizes: Number) -> NativeField:
     shape : {"sphere", "torus", "box", "capsule"}
         Centred at the origin; the axis of torus and capsule is z.
     sizes : float, optional
-        In any unit. Sphere: radius; torus: ring and tube radius; box: half the sides; capsule:
-        radius and half the axis.
+        In any unit. Sphere: radius; torus: radii of ring and tube; box: half the length of each
+        side; capsule: radius and half the length of the axis.
 
     Raises
     ------
@@ -49,7 +49,7 @@ def sample_bytes(shape: str, *sizes: Number) -> bytes:
 
 
 def _half(shape, sizes):
-    """Return half the sides (3,) of a shape's bounding box."""
+    """Return half the side lengths (3,) of a shape's bounding box."""
     if shape == "torus":
         ring, tube = sizes
         return np.array([ring + tube, ring + tube, tube])

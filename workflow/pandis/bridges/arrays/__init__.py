@@ -35,13 +35,13 @@ class ArrayField:
         self._placed: dict = {}
 
     def distance(self, points: Any) -> Any:
-        """Return distances (n,) at points (n, 3), mesh units; they are twice differentiable."""
+        """Return twice-differentiable distances (n,) at points (n, 3), in mesh units."""
         return self.answer(points)[0]
 
     def answer(self, points: Any) -> tuple[Any, Any]:
         """Return distances (n,) and normals (n, 3) at points (n, 3), as the C library does.
 
-        No flags are returned: distances outside the box, or outside a spline's band, are estimates.
+        No flags are returned, although distances outside the box or a spline's band are estimates.
         The normal of a network with one output is its gradient, which needs a second pass.
         """
         xp = self._xp
@@ -102,7 +102,7 @@ def torch_field(path: str | PathLike[str]) -> ArrayField:
 
 
 def jax_field(path: str | PathLike[str]) -> ArrayField:
-    """Return a spline or a network as a JAX function, which can be compiled and mapped.
+    """Return a spline or a network as a JAX function that can be compiled and vectorised.
 
     Raises
     ------
@@ -126,7 +126,7 @@ def jax_field(path: str | PathLike[str]) -> ArrayField:
 
 
 def _grad(xp):
-    """Return a function that evaluates and differentiates maps from points (n, 3) to (n,)."""
+    """Return a function that computes values (n,) and gradients of a map from points (n, 3)."""
     if xp.__name__ == "torch":
 
         def by_torch(function, points):

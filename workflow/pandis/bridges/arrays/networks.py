@@ -6,7 +6,7 @@ from pandis.bridges.arrays.splines import dense_sum, lattice, off_edge
 
 
 def network(contents):
-    """Return a network's function and its data."""
+    """Return a network's evaluation function and its data."""
     width, depth, outputs, cells, bits = contents.wholes[:5]
     stride = -(-width // 16) * 16
     sections = contents.sections

@@ -8,7 +8,7 @@ _LIFT, _SHORT = 0.7, 0.02
 
 
 def spline(contents):
-    """Return a spline's function and its data."""
+    """Return a spline's evaluation function and its data."""
     wholes, reals = contents.wholes, contents.reals
     data = {"inside": reals[9], "outside": reals[10]}
     for level, (name, letter, kind) in enumerate((("coarse", "B", "<i2"), ("fine", "F", "<i1"))):
@@ -91,7 +91,7 @@ def _sharpened(xp, data, p, *, value, gradient):
 
 
 def _place(xp, data, name, *, p):
-    """Return first nodes (n, 3), weights and slopes (n, 3, 4), and which points are within."""
+    """Return first nodes (n, 3), weights, slopes (n, 3, 4), and a mask of points in the lattice."""
     rate, size = data[f"{name}_rate"], data[f"{name}_size"]
     x = (p - data[f"{name}_low"]) * rate
     cell = xp.floor(x)
@@ -113,7 +113,7 @@ def _whole(xp, x):
 
 
 def _sum(xp, c, weights, *, slopes):
-    """Return values (n,) and gradients (n, 3) of coefficients (n, 4, 4, 4)."""
+    """Return values (n,) and gradients (n, 3), given coefficients (n, 4, 4, 4)."""
     x, y, z = weights[:, 0], weights[:, 1], weights[:, 2]
     along_z = xp.einsum("nxyz,nz->nxy", c, z)
     along_yz = xp.einsum("nxy,ny->nx", along_z, y)
@@ -126,7 +126,7 @@ def _sum(xp, c, weights, *, slopes):
 
 
 def _level(xp, data, name, *, p):
-    """Return the contribution of a sparse lattice, and where it has all 64 coefficients."""
+    """Return a sparse lattice's contribution, and a mask of the points with all 64 coefficients."""
     first, weights, slopes, within = _place(xp, data, name, p=p)
     values, blocks, across = data[f"{name}_values"], data[f"{name}_blocks"], data[f"{name}_across"]
     parts = []
@@ -145,7 +145,7 @@ def _level(xp, data, name, *, p):
 
 
 def dense_sum(xp, data, name, *, p):
-    """Return values (n,) and gradients (n, 3) of a dense lattice, and which points are in it."""
+    """Return values (n,) and gradients (n, 3) of a dense lattice, and a mask of points in it."""
     first, weights, slopes, within = _place(xp, data, name, p=p)
     size, parts = data[f"{name}_size"], []
     for i in range(4):

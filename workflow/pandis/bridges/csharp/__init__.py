@@ -20,7 +20,7 @@ def write_csharp(folder: str | PathLike[str]) -> list[Path]:
     Parameters
     ----------
     folder : path-like
-        For Unity ``Assets/Plugins``; created if necessary.
+        ``Assets/Plugins`` for Unity; created if necessary.
 
     Returns
     -------

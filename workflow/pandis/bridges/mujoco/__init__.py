@@ -1,4 +1,4 @@
-"""Fields as signed distance fields of MuJoCo: the plugin ``pandis.sdf``, and scenes as MJCF.
+"""Fields as MuJoCo signed distance fields (the plugin ``pandis.sdf``), and scenes as MJCF.
 
 MuJoCo finds the plugin of an installed package on import. In a checkout, call `register`.
 """
@@ -22,7 +22,7 @@ _FUNCTIONS = ("mj_version", "mjp_defaultPlugin", "mjp_registerPlugin", "mj_getPl
 
 
 def library() -> Path:
-    """Return the path of the plugin, for programs in C that call ``mj_loadPluginLibrary``.
+    """Return the path of the plugin, for C programs that call ``mj_loadPluginLibrary``.
 
     Raises
     ------

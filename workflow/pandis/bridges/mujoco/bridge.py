@@ -2,7 +2,8 @@
 
 Each runs at its own rate, and neither waits for the other. The loop queries the objects' fields at
 every tick, through a proxy. Between two steps of the simulation it advances the objects by their
-velocities and their response to the hand. The opposite of the hand's force acts on the objects.
+velocities and their response to the hand. The reaction to the force on the hand acts on the
+objects.
 """
 
 import ctypes
@@ -20,28 +21,28 @@ from pandis.runtime.field import ArrayLike, NativeField, Number
 from pandis.runtime.scene import Placed
 from pandis.runtime.scene.poses import Poses
 
-#: Numbers per object: impulse and angular impulse.
+#: Numbers per object: impulse (3) and angular impulse (3).
 _SUMS = 6
 #: Trial acceleration (m/s²), a tenth of g: too small to move an object at rest.
 _PROBE = 0.1 * 9.81
 
 
 class Bridge:
-    """Makes a model's geoms of the plugin `pandis.sdf` touchable.
+    """Makes the geoms of a model that use the plugin `pandis.sdf` touchable.
 
     Parameters
     ----------
     model : mujoco.MjModel
     data : mujoco.MjData
     stiffness : float
-        Stiffness of the spring that holds a probe back at a surface, N/m: at most the value that
-        the validation found safe for the device.
+        Stiffness of the spring that holds a probe back at a surface, N/m. Do not exceed the value
+        that the validation found safe for the device.
     radius : float
         Radius of the probe, m.
     materials : dict of str to Material, optional
         Materials of geoms, by name; all other geoms are smooth and undamped.
     centre : array-like, shape (3,)
-        World position, m, at the centre of the device's workspace.
+        World position of the centre of the device's workspace, m.
 
     Raises
     ------
@@ -112,7 +113,7 @@ class Bridge:
         return ctypes.addressof(self._bridge)
 
     def order(self, ticks: int, limits: Limits, **options: Any) -> Order:
-        """Return an order for one run of `pandis.runtime.device`; restarts all contacts.
+        """Restart all contacts, and return an order for one run of `pandis.runtime.device`.
 
         Parameters
         ----------
@@ -126,9 +127,10 @@ class Bridge:
         return Order(self.scene, ticks, limits, bridge=self, **options)
 
     def in_step(self, ticks: int, limits: Limits, period: Number = 1e-3, **options: Any) -> Order:
-        """Return an order for the simulated device that keeps the simulation in step with it.
+        """Return an order for the simulated device, with the simulation kept in step with it.
 
-        Runs repeat to the last bit, because a simulation step follows a fixed number of ticks.
+        Runs are reproducible to the last bit, because each simulation step follows a fixed number
+        of ticks.
 
         Raises
         ------
@@ -148,7 +150,7 @@ class Bridge:
         """Apply the hand's forces to the bodies, advance the simulation, and hand over the poses.
 
         The forces are averages over the time since the last step. They are added to
-        ``data.xfrc_applied`` only during the step. Forces of the hand are dropped while the
+        ``data.xfrc_applied`` only during the step. The hand's forces are dropped while the
         simulation is more than four steps late.
         """
         others = self.data.xfrc_applied.copy()
@@ -161,7 +163,7 @@ class Bridge:
         self._hand_over()
 
     def _reactions(self):
-        """Return the hand's forces and torques (bodies, 6) since the last call."""
+        """Return the hand's average forces and torques (bodies, 6) since the last call."""
         sums = np.empty_like(self._before)
         self._library.bridge_take(self._bridge, sums.ctypes.data)
         new = (sums - self._before) / self.model.opt.timestep
@@ -177,8 +179,8 @@ class Bridge:
     def _answers(self):
         """Return the bodies' responses (n, 6, 6) at their centres of mass: acceleration per force.
 
-        They are found by trial, since contacts and joints contribute: an object on a floor does not
-        yield downward.
+        They are measured by applying trial forces, because contacts and joints affect them: an
+        object on a floor does not yield downward.
         """
         model, data, mujoco = self.model, self.data, self._mujoco
         matrices, turn = np.zeros((len(self._bodies), _SUMS, _SUMS)), np.empty((2, 3, model.nv))
@@ -199,7 +201,7 @@ class Bridge:
             force = _PROBE * max(model.body_mass[body], 1e-9)
             arm = np.sqrt(model.body_inertia[body].max() / max(model.body_mass[body], 1e-9))
             pushes = np.repeat([force, force * max(arm, 1e-6)], 3)
-            pushes = np.where(self._now[body] < 0, -pushes, pushes)  # in the hand's direction
+            pushes = np.where(self._now[body] < 0, -pushes, pushes)  # along the hand's force
             for k in range(_SUMS):
                 data.xfrc_applied[body, k] += pushes[k]
                 matrices[i, :, k] = jacobian @ (accelerations() - still) / pushes[k]

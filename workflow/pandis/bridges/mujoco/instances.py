@@ -18,10 +18,10 @@ class Instance(NamedTuple):
         Indices of the geom, and of the plugin's instance, in the model.
     file : str
     scale : float
-        Model lengths per file unit.
+        Model length of one file unit.
     origin, turn : ndarray, shape (3,) and (3, 3)
-        A point x of the geom's frame is (origin + turn @ x) / scale in the file: MuJoCo moves the
-        origin of a mesh read from a file to its centre of mass.
+        A point x in the geom's frame is at (origin + turn @ x) / scale in the file. The frames
+        differ because MuJoCo moves the origin of a mesh read from a file to its centre of mass.
     """
 
     geom: int
@@ -41,12 +41,12 @@ class Instance(NamedTuple):
 
 
 def instances(model):
-    """Return the `Instance` of every geom of the plugin `pandis.sdf` in a model."""
+    """Return the `Instance` of every geom in a model that uses the plugin `pandis.sdf`."""
     import mujoco
 
     result = []
     for geom, number in enumerate(model.geom_plugin.tolist()):
-        # the plugin's name is its first member
+        # the first member of a plugin is its name
         if number < 0 or _core().mjp_getPluginAtSlot(int(model.plugin[number]))[0] != NAME.encode():
             continue
         mesh, origin, turn = model.geom_dataid[geom], np.zeros(3), np.eye(3).ravel()

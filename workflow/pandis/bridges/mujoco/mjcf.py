@@ -121,14 +121,14 @@ def _read(path):
 
 
 def _file(name, scene):
-    """Return the path of a file named in a scene, relative to the working or a parent folder."""
+    """Return the path of a file that a scene names, in the working folder or above the scene."""
     above = scene.resolve().parents
     places = [Path(name), *(folder / name for folder in above)]
     return next((place for place in places if place.is_file()), Path(name))
 
 
 def _mesh_file(field, path, written):
-    """Write the mesh of a field, or of the exact field beside it, once; return its path or None."""
+    """Return the mesh file of a field, or of the exact field beside it, or None; write it once."""
     beside = field.path if field.kind == MESH else field.path.with_name("exact.pandis")
     if not beside.is_file():
         return None

@@ -1,8 +1,7 @@
 """Fields for Newton: files for its cache of cooked distances, made from ``.pandis`` fields.
 
 Newton looks for such a file before it bakes distances itself. The file's name is a hash of the mesh
-and the options.
-Cooking needs only NumPy: neither Newton nor a GPU.
+and the options. Cooking needs only NumPy, not Newton or a GPU.
 """
 
 import hashlib
@@ -19,12 +18,12 @@ from pandis.runtime.field import NativeField, Number
 
 #: Version of Newton's cache format, and the release whose code defines it.
 VERSION, RELEASE = 2, "1.8.0"
-#: Storage formats of nodes: bytes per number, and its type.
+#: Storage formats of node values: bytes per value, and its NumPy type.
 FORMATS = {"uint8": (1, np.uint8), "uint16": (2, np.uint16), "float32": (4, np.float32)}
 _KIND = "newton.texture_sdf"
 #: Maximum number of packed blocks along an axis: a position has ten bits.
 _MOST = 1023
-#: Largest accepted distance between mesh and field, as a share of the longest side.
+#: Largest accepted median distance of vertices from the surface, as a share of the longest side.
 _APART = 0.02
 
 
@@ -72,7 +71,7 @@ def cooked(  # noqa: PLR0913 - the options of Newton's function
     fitted: bool = True,
     progress: Any = lambda done, total: None,
 ) -> tuple[str, dict[str, Any]]:
-    """Return the name and the content of a file in Newton's cache.
+    """Return the name and content of a file for Newton's cache.
 
     Parameters
     ----------
@@ -83,10 +82,10 @@ def cooked(  # noqa: PLR0913 - the options of Newton's function
     length : float
         Metres per unit of the field's mesh.
     max_resolution, target_voxel_size, narrow_band_range, margin, texture_format, sign_method, scale
-        Options for Newton, which finds the file only if it is called with the same values.
+        Newton's options. Newton finds the file only if it is called with the same values.
     fitted : bool
-        Choose node values that minimise the error of Newton's interpolation, instead of the
-        distances at the nodes.
+        Whether to choose node values that minimise the error of Newton's interpolation, rather
+        than the distances at the nodes.
     progress : callable
         Called as ``progress(done, total)``, in points.
 
@@ -148,7 +147,7 @@ def cooked(  # noqa: PLR0913 - the options of Newton's function
 
 
 def arrays(cells, grid, texture_format):
-    """Return the arrays of a cache file by Newton's names."""
+    """Return the arrays of a cache file, keyed by Newton's names."""
     coarse, blocks, values, flat = cells
     mode, kind = FORMATS[texture_format]
     places, count = blocks.places, len(blocks.places)

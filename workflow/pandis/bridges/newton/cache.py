@@ -59,7 +59,7 @@ def keep(
     provenance: dict[str, Any],
     progress: Any = lambda done, total: None,
 ) -> CacheFile:
-    """Cook the distances of a mesh.
+    """Return a mesh's cooked distances.
 
     Parameters
     ----------
@@ -116,12 +116,12 @@ def unpack(path: str | PathLike[str], folder: str | PathLike[str]) -> CacheFile:
     path : path-like
         ``results/{mesh}/export/newton.npz``.
     folder : path-like
-        The future ``cache_dir``; created if necessary.
+        The folder to pass as ``cache_dir``; created if necessary.
 
     Returns
     -------
     CacheFile
-        With ``vertices``, ``indices`` and ``options`` of the mesh to build.
+        With the mesh's ``vertices`` and ``indices``, and the ``options`` for ``build_sdf``.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""Distances on Newton's grids: a coarse grid, and blocks of 8³ cells of a fine one near surfaces.
+"""Distances on Newton's grids: a coarse grid, and a fine one in blocks of 8³ cells near surfaces.
 
 The layout is that of Newton's signed-distance texture (version 2 of its cache, Newton 1.8.0).
 """
@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-#: Cells and nodes of the fine grid along a block; neighbouring blocks both store shared nodes.
+#: Fine cells and fine nodes along a block. Neighbouring blocks both store the nodes they share.
 CELLS, NODES = 8, 9
 #: Marks of blocks that the coarse grid represents (LINEAR), and of blocks beyond the band (EMPTY).
 LINEAR, EMPTY = np.uint32(0xFFFFFFFE), np.uint32(0xFFFFFFFF)
@@ -95,7 +95,7 @@ class Blocks(NamedTuple):
         )
 
     def corners(self):
-        """Return the nodes (c, 8) of all cells, and the first node (c, 3) of each."""
+        """Return the rows of ``nodes`` (c, 8) at each cell's corners, and its first node (c, 3)."""
         index = [self.index[:, x : x + CELLS, y : y + CELLS, z : z + CELLS] for x, y, z in _CORNERS]
         cells = np.stack([part.reshape(-1) for part in index], axis=-1)
         return cells, self.nodes[cells[:, 0]]
@@ -112,8 +112,8 @@ def build(distance, grid, band, *, fitted, progress):
     band : float
         Distance from the surface up to which blocks are stored, m.
     fitted : bool
-        Choose node values that minimise the interpolation error near the surface (`fit`), instead
-        of the distances at the nodes.
+        Whether to choose node values that minimise the interpolation error near the surface
+        (`fit`), rather than the distances at the nodes.
     progress : callable
         Called as ``progress(done, total)``, in points.
 
@@ -143,11 +143,11 @@ def build(distance, grid, band, *, fitted, progress):
 def fit(distance, grid, blocks, *, values, progress):
     """Return node values (u,) that minimise the interpolation error near the surface.
 
-    The sum of absolute errors at Gauss points, in every cell near the surface, is minimised by
-    iteratively reweighted least squares: the weights follow the errors of the previous round. Plain
-    least squares would favour the few cells at creases, which no values can fit. Errors inside
-    count for more than errors outside, since forces act there. Nodes farther from the surface keep
-    their distances.
+    Iteratively reweighted least squares minimises the sum of absolute errors at the Gauss points of
+    all cells near the surface. Each round derives its weights from the errors of the previous one.
+    Plain least squares would favour the few cells at creases, which no values can fit. Errors
+    inside count for more than errors outside, because forces act there. Nodes farther from the
+    surface keep the distances given in ``values``.
     """
     corners, first = blocks.corners()
     near = np.abs(values[corners]).min(axis=1) < FITTED * grid.cell.max()
@@ -183,7 +183,7 @@ def fit(distance, grid, blocks, *, values, progress):
 def _least_squares(corners, weights, weight, *, left, gathered):
     """Return the node changes that minimise the weighted squared residuals ``left`` (c, points).
 
-    Solved by conjugate gradients with a diagonal preconditioner.
+    The method is conjugate gradients with a diagonal preconditioner.
     """
     diagonal = np.maximum(gathered(weight @ weights**2), np.finfo(np.float32).tiny)
     rest = gathered((weight * left) @ weights)

@@ -15,7 +15,7 @@ _CHUNK, _MOST = 1 << 18, 1 << 27
 
 
 class Leaves(NamedTuple):
-    """Blocks of voxels, and the side of all points outside of them.
+    """Blocks of voxels, and a function that tells which points beyond them are inside.
 
     Attributes
     ----------
@@ -26,7 +26,7 @@ class Leaves(NamedTuple):
     voxel, background : float
         Length of a voxel, and largest distance stored, both in volume units.
     inside : callable
-        Maps points (n, 3) in voxels to booleans (n,): whether they are inside.
+        Maps points (n, 3), in voxels, to a mask (n,) of those inside.
     """
 
     origins: np.ndarray
@@ -37,7 +37,7 @@ class Leaves(NamedTuple):
 
     @property
     def active(self):
-        """Whether each voxel (n, 8, 8, 8) is nearer to the surface than the background."""
+        """Mask (n, 8, 8, 8) of the voxels whose absolute distance is below the background."""
         return np.abs(self.values) < np.float32(self.background)
 
 

@@ -1,4 +1,4 @@
-"""Writes grids of floats as ``.vdb`` files: OpenVDB's version 224, compressed by masks only.
+"""Writes grids of floats as ``.vdb`` files of OpenVDB's version 224, with mask compression only.
 
 A tree has three levels: nodes with 32³ children, nodes with 16³ children, and leaves of 8³ voxels.
 Regions without leaves have the background value with the sign of their side.
@@ -13,10 +13,10 @@ import numpy as np
 from pandis.bridges.vdb.leaves import SIDE
 
 MAGIC, VERSION, _LIBRARY = 0x56444220, 224, (10, 0)
-#: Children along an axis of a node, and its length in voxels, for the two inner levels.
+#: For each inner level: number of children along an axis of a node, and its length in voxels.
 INNER, OUTER = (16, 16 * SIDE), (32, 32 * 16 * SIDE)
-#: Compression of a grid: only active values are stored. Compression of a node: a mask selects the
-#: background outside or the one inside for each inactive value.
+#: Grid compression: only active values are stored. Node compression: for each inactive value, a
+#: mask selects the outside background or the inside one.
 _BY_MASK, BY_SIGN = 2, 3
 
 
@@ -45,7 +45,7 @@ def vdb_bytes(volumes):
 
 
 def _grid(name, leaves):
-    """Return the parts of a grid: metadata and tree, and the values of its leaves."""
+    """Return the two parts of a grid: its metadata with its tree, and the values of its leaves."""
     order = _order(leaves.origins)
     origins, values = leaves.origins[order], leaves.values[order]
     active = leaves.active[order]
@@ -85,7 +85,7 @@ def _topology(origins, active, leaves):
 
 
 def _node(place, children, count, *, side, leaves):
-    """Return a node: its children, no active tiles, and the sides of the inactive ones."""
+    """Return a node's bytes: masks of its children, active tiles (none) and outside tiles."""
     child = np.zeros((count,) * 3, bool)
     child[tuple(((children - place) // side).T)] = True
     tiles = np.argwhere(~child)
@@ -107,7 +107,7 @@ def _text(text):
 
 
 def _entries(about):
-    """Return metadata: strings by name."""
+    """Encode metadata, given as strings by name."""
     parts = [_text(name) + _text("string") + _text(text) for name, text in about.items()]
     return struct.pack("<i", len(parts)) + b"".join(parts)
 

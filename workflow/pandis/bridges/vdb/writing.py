@@ -66,7 +66,7 @@ def write_volume(
 
 
 def _write_nvdb(tree, path):
-    """Write a volume with Warp, which treats everything outside of the blocks as outside."""
+    """Write a volume with Warp, which treats all space beyond the blocks as outside the object."""
     try:
         import warp as wp
     except ImportError as error:

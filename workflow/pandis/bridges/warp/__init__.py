@@ -22,7 +22,7 @@ from pandis.bridges.warp.data import ROOM, Answer, Field, upload
 from pandis.bridges.warp.networks import network_answer
 from pandis.bridges.warp.splines import INVALID, spline_answer
 
-#: Squares of larger coordinates overflow; there is no answer there, as in pandis.h.
+#: Limit of coordinates: beyond it squares overflow, so there is no answer, as in pandis.h.
 _FARTHEST = wp.constant(wp.float64(1e150))
 
 
@@ -49,9 +49,9 @@ class WarpField:
         The field's data for kernels: the first argument of `answer`.
     answer : wp.Function
         ``answer(data, point) -> Answer``: distance, unit normal and flag at a ``vec3d``; all in
-        mesh units and in double precision. Unlike in pandis.h, which cuts a query short after the
-        number of steps that its file allows, no query of a compact mesh is cut short, so the
-        distance is right everywhere.
+        mesh units and in double precision. No query of a compact mesh is cut short, so the distance
+        is right everywhere. By contrast, pandis.h stops a query after the number of steps that its
+        file allows.
 
     Examples
     --------
@@ -110,7 +110,7 @@ class WarpField:
 
 @cache
 def function(kind, width, outputs):
-    """Return the function for a kind of field: from (Field, vec3d) to Answer."""
+    """Return the function that maps (Field, vec3d) to Answer for a kind of field."""
     if kind == NETWORK:
         inner = network_answer(width, outputs)
     else:

@@ -44,7 +44,7 @@ def two_bits(field: Field, list_at: wp.int32, number: wp.int32) -> wp.int32:
 
 @wp.func
 def what_tells(field: Field, b: Block, place: wp.int32, foot: Foot) -> wp.int32:
-    """Return how to find the side of points with this foot."""
+    """Return how to tell whether points with this foot are inside."""
     if b.has_sides == 0:
         return BY_FACE
     edges = b.sides + ((b.corner_count + 3) >> 2)
@@ -63,7 +63,7 @@ def ahead(
     x0: wp.uint64, y0: wp.uint64, z0: wp.uint64, x1: wp.uint64, y1: wp.uint64, z1: wp.uint64,
     place: wp.int32, origin: wp.vec3i, shift: wp.vec3i, p: wp.vec3d,
 ) -> wp.bool:  # fmt: skip
-    """Return whether a ray from a point along x meets box number ``place`` of eight."""
+    """Return whether the ray from ``p`` along +x meets box number ``place`` of eight."""
     return (
         p[0] <= wp.float64(origin[0] + (byte_of(x1, place) << shift[0]))
         and p[1] >= wp.float64(origin[1] + (byte_of(y0, place) << shift[1]))
@@ -75,7 +75,7 @@ def ahead(
 
 @wp.func
 def beside(a: wp.vec3d, b: wp.vec3d, p: wp.vec3d) -> wp.float64:
-    """Return twice the area of an edge and a point, seen along x; a reversed edge negates it."""
+    """Return twice the signed area of edge ab and p, seen along x; swapping a and b negates it."""
     s, e, sign = a, b, wp.float64(1.0)
     if a[1] > b[1] or (a[1] == b[1] and a[2] > b[2]):
         s, e, sign = b, a, wp.float64(-1.0)
@@ -91,7 +91,7 @@ def on_left(a: wp.vec3d, b: wp.vec3d, area: wp.float64) -> wp.int32:
 
 @wp.func
 def crossing(a: wp.vec3d, b: wp.vec3d, c: wp.vec3d, p: wp.vec3d) -> wp.int32:
-    """Return the change of the winding number at a face, for a ray from a point along x."""
+    """Return what a face adds to the winding number of ``p``, counted on the ray along +x."""
     ab, bc, ca = beside(a, b, p), beside(b, c, p), beside(c, a, p)
     left = on_left(a, b, ab) + on_left(b, c, bc) + on_left(c, a, ca)
     whole = ab + bc + ca
@@ -121,7 +121,7 @@ def turns_in_block(field: Field, number: wp.int32, p: wp.vec3d) -> wp.int32:
 
 @wp.func
 def winding(field: Field, p: wp.vec3d) -> wp.int32:
-    """Return the winding number: exits minus entries of a ray along x through the faces."""
+    """Return the winding number of ``p``: exits minus entries, counted on the ray along +x."""
     waiting = wp.zeros(shape=WAITING, dtype=wp.int32)
     top, turns, w = int(1), int(0), field.branches
     while top > 0:

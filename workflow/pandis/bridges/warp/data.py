@@ -5,7 +5,7 @@ import warp as wp
 
 from pandis.runtime.field import COMPACT, NETWORK, SPLINE
 
-#: Half of the longest side, in the unit frame; the lattice begins at minus this.
+#: Half the longest side, in the unit frame. The lattice begins at -HALF.
 HALF = 0.9
 #: Maximum number of pending boxes of a query: up to seven for each level of the tree.
 ROOM = 256

@@ -79,7 +79,7 @@ def put_model(model: Any, instances: Iterable[Any], **options: Any) -> "mujoco_w
     instances : iterable of pandis.bridges.mujoco.instances.Instance
         The model's geoms of `pandis.sdf`: ``instances(model)``.
     **options
-        For ``mujoco_warp.put_model``.
+        Passed on to ``mujoco_warp.put_model``.
 
     Returns
     -------
@@ -115,7 +115,7 @@ def put_model(model: Any, instances: Iterable[Any], **options: Any) -> "mujoco_w
 
 
 def _numbers(instance, answer, address):
-    """Return an instance's numbers for its functions, as a row of MuJoCo Warp's attributes."""
+    """Return the numbers that an instance's functions read: a row of MuJoCo Warp's attributes."""
     row = np.zeros(vec_pluginattr._length_, np.float32)
     row[0] = _MARK + 1 + _known.index(answer)
     row[_ADDRESS : _ADDRESS + 3] = [(address >> 22 * i) & 0x3FFFFF for i in range(3)]
@@ -134,7 +134,7 @@ def _without_texts(model, numbers):
 
 
 def _install(answer):
-    """Make collisions call a function, before any installed earlier."""
+    """Make collisions call a function ahead of those installed earlier."""
     if answer in _known:
         return
     mark = wp.constant(float(_MARK + 1 + len(_known)))

@@ -1,4 +1,4 @@
-"""The nearest face of a compact mesh in Warp: parts/packed.h and the searches of parts/compact.h.
+"""Nearest faces of compact meshes in Warp, as in parts/packed.h and the searches of compact.h.
 
 The search runs in single precision and adds in the same order as pandis.h, so that both find the
 same face among several that are almost equally near.
@@ -46,7 +46,7 @@ class Branch:
 
 @wp.func
 def word_at(packed: wp.array(dtype=wp.uint64), byte: wp.int32) -> wp.uint64:
-    """Return the eight bytes at any offset as a number, the first byte lowest."""
+    """Return the eight bytes at any offset as a little-endian number."""
     at, off = byte >> 3, wp.uint64((byte & 7) * 8)
     word = packed[at] >> off
     if off > wp.uint64(0):
@@ -108,7 +108,7 @@ def keys_of(
     x0: wp.uint64, y0: wp.uint64, z0: wp.uint64, x1: wp.uint64, y1: wp.uint64, z1: wp.uint64,
     count: wp.int32, shift: wp.vec3i, q: wp.vec3f,
 ) -> vec8i:  # fmt: skip
-    """Return lower bounds of squared distances to eight boxes, as integers in the same order."""
+    """Return lower bounds of squared distances to eight boxes, as order-preserving integers."""
     keys = vec8i()
     scale, low, high = wp.vec3f(), wp.vec3f(), wp.vec3f()
     for k in range(3):
@@ -165,7 +165,7 @@ def least_of(keys: vec8i) -> wp.int32:
 
 @wp.func
 def corner_number(field: Field, b: Block, place: wp.int32, corner: wp.int32) -> wp.int32:
-    """Return the index in its block of a face's corner: six bits, eight faces per group."""
+    """Return a corner's index in its block, stored as six bits; a group holds eight faces."""
     codes = word_at(field.packed, b.faces + GROUP_BYTES * (place >> 3) + 6 * corner)
     return bits_of(codes, 6 * (place & 7), 6)
 

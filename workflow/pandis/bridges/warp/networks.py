@@ -44,7 +44,7 @@ def four_biases(field: Field, at: wp.int32) -> wp.vec4f:
 
 @cache
 def network_answer(width, outputs):
-    """Return the function for networks of a width: from (Field, point) to Answer, mesh units.
+    """Return the function that maps (Field, point) to Answer, mesh units, for networks of a width.
 
     Parameters
     ----------
@@ -62,7 +62,7 @@ def network_answer(width, outputs):
         outside = wp.length(u - box)
         x = wp.vec3f(float(box[0]), float(box[1]), float(box[2]))
         # two alternating layers: values, and their derivatives along each axis
-        units = int(STRIDE)  # a variable: loops to it are not unrolled
+        units = int(STRIDE)  # a variable, so that loops up to it are not unrolled
         h = wp.zeros(shape=ROOM, dtype=wp.float32)
         dh = wp.zeros(shape=ROOM, dtype=wp.vec3f)
         for j in range(units):
@@ -107,7 +107,7 @@ def network_answer(width, outputs):
         box = into_box(u)
         outside = wp.length(u - box)
         x = wp.vec3f(float(box[0]), float(box[1]), float(box[2]))
-        units = int(STRIDE)  # a variable: loops to it are not unrolled
+        units = int(STRIDE)  # a variable, so that loops up to it are not unrolled
         h = wp.zeros(shape=ROOM, dtype=wp.float32)
         for j in range(units):
             w = wp.vec3f(field.first[0, j], field.first[1, j], field.first[2, j])

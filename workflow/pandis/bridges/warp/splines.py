@@ -1,4 +1,4 @@
-"""Splines in Warp: as in parts/bsplines.h and parts/spline.h, in double precision."""
+"""Splines in Warp, in double precision, as in parts/bsplines.h and parts/spline.h."""
 
 from typing import Any
 
@@ -12,7 +12,7 @@ BOUND, INVALID = wp.constant(1), wp.constant(2)
 #: Coordinates are clamped to ±EDGE, so the faces of the box belong to its last cells.
 EDGE = wp.constant(wp.float64(1 - 1e-12))
 NO_BRICK = wp.constant(65535)
-#: Height above a crease for evaluation, in steps; smallest deficit of the squared gradient.
+#: Largest shift of a point near a crease, in steps; smallest deficit of the squared gradient.
 LIFT, SHORT = wp.constant(wp.float64(0.7)), wp.constant(wp.float64(0.02))
 TINY = wp.constant(wp.float64(1e-150))
 ZERO, ONE = wp.constant(wp.float64(0.0)), wp.constant(wp.float64(1.0))

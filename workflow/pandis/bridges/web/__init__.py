@@ -20,9 +20,9 @@ HERE = Path(__file__).parent
 SOURCE, MODULE = HERE / "web.c", HERE / "pandis.wasm"
 #: Maximum total size of a page's fields, bytes: browsers open larger pages slowly.
 LARGEST = 64_000_000
-#: Largest size (m) and stiffness (N/m) on a page; usual end of the stiffness slider (N/m).
+#: Largest size (m) and stiffness (N/m) on a page; usual maximum of the stiffness slider (N/m).
 LONGEST, STIFFEST, USUAL = 10.0, 5000.0, 1500.0
-#: Integer steps per unit-frame length.
+#: Integer steps per unit of unit-frame length.
 _STEPS = 32767
 
 
@@ -125,8 +125,8 @@ def touched(fields, size, stiffness, *, more):
     size, stiffness : float
         Length of the longest side, m, and initial stiffness, N/m.
     more : dict
-        Further data for ``touch.js``: either the solid and the loop or, on a page that contains
-        the loop, ``view``: the name of the figure on the page that contains the solid.
+        Further data for ``touch.js``: either the solid and the loop or, if the page already
+        contains the loop, ``view``, the name of the figure that contains the solid.
     """
     data = more | {
         "size": size,

@@ -32,14 +32,14 @@ def surface_of(field: NativeField) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _values(field):
-    """Return distances (CELLS + 1)³ at the lattice; far from the surface only the sign is right."""
+    """Return distances (CELLS + 1)³ at lattice nodes; far from the surface only signs are right."""
     at = np.linspace(-1, 1, CELLS + 1)
     values = np.empty((CELLS + 1,) * 3)
     step = 2 / CELLS
     middle = at[:-1].reshape(-1, BLOCK).mean(axis=1) + step / 2
     grid = np.stack(np.meshgrid(middle, middle, middle, indexing="ij"), axis=-1)
     distance = _distance(field, grid.reshape(-1, 3)).reshape(grid.shape[:3])
-    # a distance changes no faster than the position; networks and splines are a little steeper
+    # an exact distance has slope 1 at most; those of networks and splines are a little steeper
     near = np.abs(distance) < 1.25 * (0.5 * BLOCK + 1) * step * np.sqrt(3)
     known = np.zeros(values.shape, bool)
     for i, j, k in np.ndindex(distance.shape):

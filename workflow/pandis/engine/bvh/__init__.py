@@ -15,8 +15,8 @@ from pandis.engine.threads import SMALL, in_threads
 PARTS = ("VERT", "VNRM", "FACE", "NEIG", "TREE", "LEAF")
 #: Bytes of a node and of a leaf.
 NODE_BYTES, LEAF_BYTES = 224, 200
-#: Numbers of branches, as in branches.h: those in the first two levels, which are opened first, and
-#: the total including the third level. A tree of fewer than _MANY faces is built by one thread.
+#: Numbers of branches, as in branches.h: in the first two levels, which are opened first, and in
+#: the first three. A tree of fewer than _MANY faces is built by one thread.
 _OPENED, _BRANCHES, _MANY = 1 + 8, 1 + 8 + 64, 10_000
 INVALID, TIED, OVERRULED, ON_SURFACE = 1, 2, 4, 8
 
@@ -35,8 +35,9 @@ class Labels(NamedTuple):
     barycentrics : ndarray, shape (n, 3)
         Barycentric coordinates of the closest point.
     flags : ndarray, shape (n,), uint8
-        Sum of INVALID (not finite, or 1e150 or more), TIED (two closest points), OVERRULED (the
-        pseudonormal's sign was wrong) and ON_SURFACE (the normal is the pseudonormal).
+        Sum of the flags that apply: INVALID (a coordinate is not finite, or is 1e150 or more), TIED
+        (two closest points), OVERRULED (the pseudonormal's sign was wrong) and ON_SURFACE (the
+        normal is the pseudonormal).
     """
 
     distance: np.ndarray
@@ -100,7 +101,7 @@ class Bvh:
         opened = [partial(lib.bvh_open, work, index) for index in range(_OPENED)]
         grown = [partial(lib.bvh_grow, work, index) for index in range(_BRANCHES)]
         others = [partial(task, work) for task in (lib.bvh_meet, lib.bvh_turn)]
-        # each step waits for the previous one; its longest tasks start first
+        # each step waits for the previous one; within a step, the longest tasks start first
         for tasks in (opened[:1], opened[1:], [*others, *grown]):
             in_threads(
                 lambda low, _, tasks=tasks: tasks[low](), len(tasks), len(tasks), small=small
@@ -123,8 +124,8 @@ class Bvh:
         check : bool
             Whether to compare every sign with the winding number.
         tie : (float, float), optional
-            Relative distance d and angle a (radians). Points are flagged if a second closest point
-            is farther by at most d, in a direction that differs by more than a.
+            Relative distance d and angle a (radians). A point is flagged if a second closest point
+            is farther by at most the fraction d, in a direction that differs by more than a.
         feet : bool
             Whether to return faces and barycentrics; otherwise they are None.
 

@@ -1,1 +1,1 @@
-"""Warp code: exact distances for millions of labels, volumes, and training steps."""
+"""Warp code that labels millions of points, fills volumes, and speeds up training steps."""

@@ -9,7 +9,7 @@ ZERO, ONE = wp.constant(wp.float64(0.0)), wp.constant(wp.float64(1.0))
 
 @wp.struct
 class Foot:
-    """The vector from a face's closest point; the corner or edge with that point, or -1."""
+    """The vector from a face's closest point to the query; that point's corner or edge, or -1."""
 
     offset: wp.vec3d
     corner: wp.int32
@@ -18,7 +18,7 @@ class Foot:
 
 @wp.func
 def inner_foot(a: wp.vec3d, b: wp.vec3d, c: wp.vec3d, p: wp.vec3d) -> Foot:
-    """Return the foot inside a face; if there is none, its edge and corner are both 0."""
+    """Return the foot in the interior of a face. If there is none, edge and corner are both 0."""
     foot = Foot()
     u, v, x = b - a, c - a, p - a
     n = wp.cross(u, v)
@@ -27,7 +27,7 @@ def inner_foot(a: wp.vec3d, b: wp.vec3d, c: wp.vec3d, p: wp.vec3d) -> Foot:
         return foot
     uu, uv, vv = wp.dot(u, u), wp.dot(u, v), wp.dot(v, v)
     s, r, rest = wp.float64(0.0), wp.float64(0.0), x
-    for _ in range(2):  # the second round refines the result on needles
+    for _ in range(2):  # the second round refines the result on needle-like faces
         du, dv = wp.dot(u, rest), wp.dot(v, rest)
         s += (vv * du - uv * dv) / det
         r += (uu * dv - uv * du) / det
@@ -55,7 +55,7 @@ def rim_foot(a: wp.vec3d, b: wp.vec3d, c: wp.vec3d, p: wp.vec3d) -> Foot:
         if length > ZERO:
             t = wp.clamp(wp.dot(u, x) / length, ZERO, ONE)
         offset = x - t * u
-        if t > wp.float64(0.5):  # from the nearer end, for less cancellation
+        if t > wp.float64(0.5):  # measure from the nearer end to reduce cancellation
             offset = (p - end) + (ONE - t) * u
         squared = wp.dot(offset, offset)
         if squared < best:

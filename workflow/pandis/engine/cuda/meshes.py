@@ -1,9 +1,9 @@
 """Exact distances to meshes in Warp, for millions of labels: parts/mesh.h in double precision.
 
-The tree is that of `pandis.engine.bvh`, whose boxes are rounded outward. As on the host, single
-precision selects the boxes and faces that may be nearest, with a margin for its error: extra
-candidates change no result. Closest points on these faces are computed in double precision, so
-distances differ from the tree's own only by rounding.
+The tree is that of `pandis.engine.bvh`, whose boxes are rounded outward. As on the host, the boxes
+and faces that may be nearest are selected in single precision, with a margin for its error; extra
+candidates do not change the result. Closest points on these faces are computed in double precision,
+so distances differ from the host's only by rounding.
 """
 
 import threading
@@ -92,7 +92,7 @@ def pseudonormal(tree: Tree, face: wp.int32, foot: Foot) -> wp.vec3d:
 
 @wp.func
 def box_squared(tree: Tree, node: wp.int32, place: wp.int32, p: wp.vec3f) -> wp.float32:
-    """Return a lower bound of the squared distance to a child's box; infinite if it is missing."""
+    """Return a lower bound on the squared distance to a child's box; infinite if there is none."""
     sum = wp.float32(0.0)
     for k in range(3):
         low = tree.boxes[node, 8 * k + place]
@@ -124,7 +124,7 @@ def rounded(tree: Tree, leaf: wp.int32, corner: wp.int32, place: wp.int32) -> wp
 
 @wp.func
 def seems(tree: Tree, leaf: wp.int32, place: wp.int32, q: wp.vec3f) -> wp.float32:
-    """Return the squared distance to a rounded triangle, in steps (pandis__eight_distances)."""
+    """Return the squared distance to a rounded triangle, in steps: see pandis__eight_distances."""
     a = rounded(tree, leaf, 0, place)
     u, v, x = rounded(tree, leaf, 1, place) - a, rounded(tree, leaf, 2, place) - a, q - a
     w, b = v - u, x - u
@@ -186,7 +186,7 @@ def nearest_face(tree: Tree, p: wp.vec3d) -> Nearest:
                             bound = wp.min(bound, wp.float32(squared) * (one + _WRONG))
             else:
                 first = top
-                for i in range(eight):  # insertion sort, so that the nearest is last
+                for i in range(eight):  # insertion sort, so that the nearest is popped first
                     least = box_squared(tree, child, i, near)
                     if least <= bound and least < wp.float32(wp.inf):
                         at = top
@@ -224,7 +224,9 @@ def label(
 
 
 class MeshLabels:
-    """Labels points with a mesh on a Warp device; concurrent calls wait for each other.
+    """Labels points with distances to a mesh, on a Warp device.
+
+    Concurrent calls wait for each other.
 
     Parameters
     ----------
@@ -276,7 +278,7 @@ class MeshLabels:
     def label(self, points, on_surface):
         """Return distances (n,) and directions (n, 3), float64, at finite points (n, 3).
 
-        Up to the distance ``on_surface`` the direction is the pseudonormal.
+        At distances up to ``on_surface``, the direction is the pseudonormal.
         """
         with self._lock, wp.ScopedStream(self._stream):
             queries = self._there(np.asarray(points, np.float64), wp.vec3d)

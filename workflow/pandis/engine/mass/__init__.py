@@ -1,4 +1,4 @@
-"""A device and a hand as one mass with friction: the binding of ``mass.c``."""
+"""Binding of ``mass.c``, which models a device and a hand as one mass with friction."""
 
 import ctypes
 from functools import cache
@@ -24,8 +24,8 @@ def mass_steps(oscillator, position, speed, *, push, steps):
     Parameters
     ----------
     oscillator : ndarray, shape (9,)
-        Factors of position, speed and push: three for the position after a step, three for the
-        speed; then friction (N), stiffness of the hand (N/m) and duration of a step (s).
+        Three factors that give the position after a step from position, speed and push; three that
+        give the speed; then friction (N), stiffness of the hand (N/m) and duration of a step (s).
     position, speed, push : array-like, shape (n, 3)
         In m, m/s and N; not modified.
     steps : int

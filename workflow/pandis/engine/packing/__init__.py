@@ -1,4 +1,4 @@
-"""A mesh on a lattice, packed into blocks and a tree: the binding of ``packing.c``."""
+"""Packs a mesh on a lattice into blocks and a tree: the binding of ``packing.c``."""
 
 import ctypes
 from pathlib import Path
@@ -16,7 +16,7 @@ MOST_BITS = 20
 BRANCH_BYTES, BLOCK_BYTES = 96, 16
 #: Maximum number of faces per block.
 BLOCK_FACES = 64
-#: How a point's side is found: from its nearest face, from a stored side, or by a ray.
+#: How a point's side is found: from its nearest face, as stored (outside or inside), or by a ray.
 BY_FACE, OUTSIDE, INSIDE, BY_RAY = 0, 1, 2, 3
 
 
@@ -53,7 +53,7 @@ class Sides(NamedTuple):
 
 
 def find_rays(vertices, faces):
-    """Return test points for corners and edges whose sides the faces do not determine.
+    """Return test points for the corners and edges at which the faces do not determine the side.
 
     Parameters
     ----------
@@ -63,9 +63,9 @@ def find_rays(vertices, faces):
     Returns
     -------
     points : ndarray, shape (n, 3)
-        Just off the surface; the nearest surface point is the corner, or the edge's middle.
+        Points just off the surface. Their closest surface point is the corner or edge midpoint.
     owners : ndarray, shape (n,), int32
-        For a corner, its vertex; for an edge, V + 3 · face + its first corner.
+        The vertex of a corner; V + 3 · face + first corner (0, 1 or 2) for an edge.
     """
     vertices, faces = _checked(vertices, faces)
     library = _library()
@@ -122,7 +122,7 @@ def pack_mesh(vertices, faces, sides):
 
 
 def distance_and_clear(arrays, bits, points, *, most=0):
-    """Return the distances that ``pandis.h`` computes, and lower bounds of the distance.
+    """Return the distances that ``pandis.h`` computes, and lower bounds on the true distances.
 
     Parameters
     ----------

@@ -16,7 +16,7 @@ BLOCK, BRICK = 2, 4
 _NO_BRICK = 65535
 #: Coordinates are clipped to ±EDGE, so the faces of the box [-1, 1]³ belong to its last cells.
 EDGE = 1 - 1e-12
-#: Parallel sums run over this many parts, so that the number of threads does not change the result.
+#: Number of parts of a parallel sum: fixed, so that results do not depend on the thread count.
 _PARTS = 2
 
 
@@ -87,7 +87,7 @@ class Lattice:
         return value, gradient
 
     def adjoint(self, points, value, gradient):
-        """Apply the adjoint of `evaluate`: sum residuals (n,) and (n, 3) at each node (size³,)."""
+        """Return the adjoint of `evaluate`: residuals (n,) and (n, 3), summed per node (size³,)."""
         points, value, gradient = (
             np.ascontiguousarray(a, np.float64) for a in (points, value, gradient)
         )
@@ -116,7 +116,7 @@ class SparseSpline:
     masks : ndarray, shape (bricks, bricks, bricks), uint64
         For each brick, 64 bits that mark which of its blocks are stored.
     coefficients : ndarray, shape (blocks, 8), float32
-        In the order of the bricks and, within each brick, of its bits.
+        Ordered by brick and, within each brick, by bit.
     """
 
     def __init__(self, lattice, masks, coefficients):
@@ -150,7 +150,7 @@ class SparseSpline:
 
     @property
     def index_bytes(self):
-        """Bytes of the arrays that locate a coefficient."""
+        """Size in bytes of the arrays that locate coefficients."""
         return self._brick.nbytes + self._mask.nbytes + self._base.nbytes
 
     def add(self, points, value, gradient):
@@ -175,7 +175,7 @@ class SparseSpline:
 
 
 def pack(blocks):
-    """Return the masks of the bricks, from a bool array (b, b, b) of the blocks to store.
+    """Return the bricks' masks, given a bool array (b, b, b) that marks the blocks to store.
 
     ``b`` must be a multiple of four.
     """
@@ -186,7 +186,7 @@ def pack(blocks):
 
 
 def kept_nodes(masks):
-    """Return the nodes (blocks, 8, 3) of the stored blocks, in the order of coefficients."""
+    """Return the nodes (blocks, 8, 3) of the stored blocks, in the order of their coefficients."""
     n = len(masks)
     bits = (masks.reshape(-1, 1) >> np.arange(BRICK**3, dtype=np.uint64)) & np.uint64(1)
     brick, bit = np.nonzero(bits)
@@ -197,5 +197,5 @@ def kept_nodes(masks):
 
 
 def block_count(size):
-    """Return the number of blocks per axis, in whole bricks, that covers ``size`` nodes."""
+    """Return how many blocks per axis cover ``size`` nodes, rounded up to whole bricks."""
     return -(-size // (BLOCK * BRICK)) * BRICK

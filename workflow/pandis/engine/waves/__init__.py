@@ -20,7 +20,7 @@ def library():
 
 @cache
 def _pool(threads):
-    """Return a pool of threads to reuse: starting threads takes as long as the work."""
+    """Return a reusable pool of threads, because starting threads takes as long as the work."""
     return ThreadPoolExecutor(threads)
 
 

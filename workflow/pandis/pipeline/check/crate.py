@@ -1,4 +1,4 @@
-"""RO-Crate 1.1 of verified results: lists each file with its stage and its inputs.
+"""Writes an RO-Crate 1.1 of verified results, which lists each file's stage and inputs.
 
 Source: https://www.researchobject.org/ro-crate/specification/1.1/
 """
@@ -16,7 +16,7 @@ from pandis.pipeline.run.job.stored import RESULTS
 NAME = "ro-crate-metadata.json"
 _SPECIFICATION = "https://w3id.org/ro/crate/1.1"
 _SOFTWARE, _LICENCE = "#pandis", "#licences-of-the-meshes"
-#: Media types, by file suffix, that Python's `mimetypes` does not contain.
+#: Media types that Python's `mimetypes` lacks, by file suffix.
 _TYPES = {".zip": "application/zip", ".pandis": "application/octet-stream"}
 
 

@@ -1,7 +1,7 @@
 """Writes a partial report and summary after a run in which some meshes failed.
 
-It runs as ``python -m pandis.pipeline.check.partial`` with the plan on stdin, because the planning
-process, which detects that a run has failed, does not load numerical libraries.
+It runs as ``python -m pandis.pipeline.check.partial``, with the plan on stdin. It is a separate
+process, because the planning process, which detects the failure, loads no numerical libraries.
 """
 
 import json
@@ -34,7 +34,7 @@ def write_partial(plan):
     Returns
     -------
     dict of str to str
-        Reasons, by name of mesh left out. Nothing is written if all or no meshes are left out.
+        The reason for each mesh left out, by name. Nothing is written if all are left out, or none.
     """
     checker, good, refused = Checker(plan), [], dict(plan.refused)
     for mesh in plan.meshes:
@@ -58,7 +58,7 @@ def write_partial(plan):
 
 
 def _report(plan, good, refused):
-    """Return the texts of the summary and the report of the ``good`` meshes."""
+    """Return the summary and the report of the ``good`` meshes, as text."""
     fields = {mesh: plan.entries[mesh].fields for mesh in good}
     meshes = {mesh: (plan.report_artifacts(mesh), fields[mesh]) for mesh in good}
     sections = mesh_sections(meshes, 1, silent_progress, note=_forget)
@@ -68,7 +68,7 @@ def _report(plan, good, refused):
 
 
 def _collection(plan, good, refused):
-    """Return the texts of the table and the page of the ``good`` meshes' collection."""
+    """Return the table and the page of the ``good`` meshes' collection, as text."""
     meshes = {mesh: plan.report_artifacts(mesh) for mesh in good}
     rows = collection.collect(meshes, thread_count(), silent_progress, note=_forget)
     return collection.to_csv(rows, refused), collection.build(rows, refused)

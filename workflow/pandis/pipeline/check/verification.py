@@ -34,7 +34,7 @@ def demand_files(store):
 
 
 def verify(plan, log):
-    """Check the outputs of a plan; if only named targets were run, check only theirs.
+    """Check a plan's outputs. If only some targets were run, check only the outputs of those.
 
     Parameters
     ----------
@@ -75,8 +75,8 @@ def verify(plan, log):
 def asked_for(plan):
     """Return the outputs that a run should have built, and those that were not requested.
 
-    If a final output exists, the run was complete, and all outputs should exist. Otherwise,
-    stages without any output were not requested.
+    If a final output exists, the whole workflow was requested, so all outputs should exist.
+    Otherwise, stages without any output are assumed not to have been requested.
 
     Returns
     -------
@@ -106,12 +106,12 @@ def left_over(plan):
 def remedy(plan, faults):
     """Return the commands that repair results, given pairs (output, fault).
 
-    A lost or damaged file is rebuilt alone. Its bytes are the same as before, unless it contains
-    durations, so results that depend on it do not have to be rebuilt.
+    A lost or damaged file is rebuilt alone. Unless it contains durations, the new file is identical
+    to the old one, so results that depend on it do not have to be rebuilt.
     """
     common = f"-j2{_configfiles(plan)}"
     stale = [output for output, fault in faults if fault.startswith(_STALE)]
-    # results whose only fault is an input are valid again once the input is restored
+    # results whose only fault is a bad input become valid again once that input is restored
     apart = (*_STALE, _WAITS)
     lost = [output for output, fault in faults if not fault.startswith(apart)]
     commands = []
@@ -200,7 +200,7 @@ class Checker:
         return None
 
     def _source(self, mesh):
-        """Return the current digest of a source's files, without the plan's cached digests."""
+        """Return the current digest of a source's files, ignoring the plan's cached digests."""
         entry = self.plan.entries[mesh]
         if url_extension(entry.source):
             return entry.sha256.lower()
@@ -208,7 +208,7 @@ class Checker:
         return "" if path is None else source_digest(source_files(path))
 
     def _summary(self, path):
-        """Return the fault of summary.csv, or None; it must match the current artifacts."""
+        """Return the fault of summary.csv, which must match the current artifacts, or None."""
         try:
             read = (
                 [read_artifact(name) for name in self.plan.results(f"{stem}.zarr.zip")]
@@ -221,7 +221,7 @@ class Checker:
         return None if same else "differs from the artifacts it summarises"
 
     def _collection(self, path):
-        """Return the fault of collection.csv, or None; collection.html stores its digest."""
+        """Return the fault of collection.csv, whose digest is in collection.html, or None."""
         try:
             expected = read_seal(path.with_suffix(".html")).get("table")
         except (PandisError, OSError):
@@ -266,7 +266,7 @@ class Checker:
     def _digest(self, name):
         if name not in self._digests:
             path = Path(name)
-            # sources have no provenance, even with the suffix of an export
+            # a source has no provenance, even if its suffix is that of an export
             is_result = Path(self.plan.folder) in path.parents
             try:
                 # open exports first, so that a damaged export is not reported as changed
@@ -278,7 +278,7 @@ class Checker:
 
 
 def _without_builds(data):
-    """Return the rows of a summary without build times, which artifacts cannot confirm."""
+    """Return a summary's rows without build times, which cannot be checked against artifacts."""
     rows = list(csv.DictReader(data.decode("utf-8", "replace").splitlines()))
     return [{k: v for k, v in row.items() if k != "build_s"} for row in rows]
 

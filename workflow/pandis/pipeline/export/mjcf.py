@@ -18,15 +18,15 @@ from pandis.runtime.scene import Placed
 
 #: Distance between the origins of neighbouring objects in the row, as a multiple of their size.
 _PITCH = 1.5
-#: Points compared for each field, and their largest coordinate (unit frame).
+#: Number of points compared per field, and their largest absolute coordinate (unit frame).
 _POINTS, _REACH = 2000, 1.3
-#: Largest difference of distances, as a share of the size. It is not 0, because MuJoCo rounds the
-#: position of a mesh.
+#: Largest accepted difference between distances, as a fraction of the size. It is not 0, because
+#: MuJoCo rounds the position of a mesh.
 _CLOSE = 1e-9
 
 
 def export_mjcf(model, paths, drawn, *, size, log):
-    """Return a model as text: one body for each field, in a row along x.
+    """Return the text of a model that has one body per field, in a row along x.
 
     Parameters
     ----------
@@ -35,7 +35,7 @@ def export_mjcf(model, paths, drawn, *, size, log):
     paths : list of path-like
         Field files for ``pandis.h``.
     drawn : path-like
-        Mesh of all fields, an ``.obj`` file.
+        The mesh shared by all fields, an ``.obj`` file.
     size : float
         Longest side of an object, m.
     log : pandis.base.progress.Log
@@ -74,10 +74,10 @@ class Query(NamedTuple):
 
 
 def _differences(text, placed, size):
-    """Return the largest error of MuJoCo's distances over all fields (share of the size)."""
+    """Return the largest error in MuJoCo's distances over all fields, as a fraction of the size."""
     here = os.getcwd()
     with tempfile.TemporaryDirectory() as folder:
-        os.chdir(folder)  # MuJoCo writes its warnings here
+        os.chdir(folder)  # MuJoCo writes warnings to this folder
         try:
             return max(_off(query, size) for query in _queries(text, placed))
         finally:
@@ -97,7 +97,7 @@ def _queries(text, placed):
 
 
 def _off(query, size):
-    """Return the largest error of a field's distances (share of the size); raise if it is large."""
+    """Return the largest distance error, as a fraction of the size; raise if it is too large."""
     name, each, geom, ask = query
     rng = np.random.default_rng(0)
     points = each.field.frame.to_mesh(rng.uniform(-_REACH, _REACH, (_POINTS, 3)))

@@ -12,9 +12,10 @@ from pandis.pipeline.kinds.native import native_bytes
 from pandis.pipeline.run.job.artifact import seal_zip
 from pandis.runtime.field import NativeField
 
-#: Voxels along the longest side; Newton's margin and band, as shares of the size.
+#: Number of voxels along the longest side; Newton's margin and band, as fractions of the size.
 _RESOLUTION, _MARGIN, _BAND = 128, 0.05, 0.1
-#: Points compared; errors within this distance of the surface (share of the size) are logged.
+#: Number of points compared, and the distance from the surface (fraction of the size) within which
+#: errors are logged.
 _POINTS, _NEAR = 100_000, 0.01
 #: Largest accepted mean error of distances in the band, in cell diagonals.
 _MEAN = 0.05
@@ -74,7 +75,7 @@ def _compare(content, field, length, *, size, log):
     cell = float(np.linalg.norm(content["cell_size"]))
     band = exact < _BAND * size
     bound = np.where(band, cell, CELLS * cell)
-    # errors as large as a good part of a cell occur only at edges and creases, which are few
+    # errors comparable in size to a cell occur only at edges and creases, which are few
     if not ((off <= bound).all() and off[band].mean() <= _MEAN * cell):
         raise PandisError(
             f"Newton's interpolated distances are off by up to {float(off.max()):.3g} m; this is a "

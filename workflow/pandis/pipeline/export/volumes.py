@@ -11,7 +11,7 @@ from pandis.runtime.field import NativeField
 
 #: Width of the band of distances on each side of the surface, in voxels.
 _BAND = 3.0
-#: Points per query, and points drawn to check the leaves.
+#: Number of points per query, and of points drawn to check the leaves.
 _CHUNK = 1 << 18
 
 

@@ -1,7 +1,7 @@
 """Writes and reads grids as VTK image data (``.vti``), for ParaView and 3D Slicer.
 
-VTK's XML format (https://docs.vtk.org): ImageData, points ordered x fastest,
-appended raw data with 64-bit lengths. Lengths are in mesh units; distances are
+The format is VTK's XML (https://docs.vtk.org): ImageData with x varying fastest, and
+appended raw data with 64-bit byte counts. Lengths are in mesh units; distances are
 negative inside.
 """
 

@@ -16,7 +16,7 @@ from pandis.pipeline.geometry.shapes import find_shape
 
 
 class Regions(NamedTuple):
-    """Materials of the faces: each face's index (F,) into the materials, and their names."""
+    """Materials of the faces: each face's index (F,) into the names, and the materials' names."""
 
     of_face: np.ndarray
     names: tuple

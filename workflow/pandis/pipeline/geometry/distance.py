@@ -3,10 +3,10 @@
 An engine works in the unit frame. For a mesh it searches a tree over the faces
 (`pandis.engine.bvh`) for the closest point. The sign follows from the angle-weighted
 pseudonormal there (Bærentzen & Aanæs 2005) and is compared with the winding number at
-every point. Where they differ, the exact winding number decides; more than a few
-such points stop the stage, because the mesh is unsound. The direction is from the
-closest point to the query (reversed inside); on the surface it is the pseudonormal.
-For a closed-form shape, a formula provides distance and direction.
+every point. Where they differ, the exact winding number decides. If they differ at more
+than a few points, the mesh is unsound and the stage stops. The direction points from the
+closest point to the query; inside, it is reversed. On the surface it is the
+pseudonormal. For a closed-form shape, a formula provides distance and direction.
 """
 
 import numpy as np
@@ -23,7 +23,7 @@ TIE_DISTANCE = 1e-3
 TIE_ANGLE = np.radians(10)
 #: Share of signs that the winding number may overrule before the mesh counts as unsound.
 MAX_OVERRULED = 1e-5
-#: Points per batch, which bounds the memory of a call.
+#: Number of points per batch; it bounds the memory of a call.
 CHUNK = 1 << 20
 
 
@@ -156,8 +156,8 @@ class ShapeDistance:
     def label(self, points: Points, ties=True, check=True):
         """Return labels as `MeshDistance.label` does, without faces and closest points.
 
-        A point has two closest points if the direction turns by more than `TIE_ANGLE`
-        within a step of `TIE_DISTANCE` times the distance.
+        A point counts as having two closest points if the direction turns by more than
+        `TIE_ANGLE` within a step of `TIE_DISTANCE` times the distance.
         """
         distance, normal = self.distance_and_normal(points)
         flags = np.where(np.isnan(distance), INVALID, 0).astype(np.uint8)

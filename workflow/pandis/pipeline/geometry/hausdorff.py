@@ -1,11 +1,11 @@
-"""Upper bounds of the distance from a surface to a mesh, found by branch and bound.
+"""Upper bounds on the distance from a surface to a mesh, found by branch and bound.
 
 The distance to a triangle is a convex function, so on another triangle it is largest at a corner.
-No point of a triangle is therefore farther from a mesh than the farthest of its corners is from any
-one face of the mesh. Where that bound is too loose, the triangle is cut along the prism over the
-face nearest to its centroid. The corners of the part inside the prism bound that part's distance.
-The other parts are compared with the neighbouring faces, however small these are. A triangle whose
-centroid is outside its prism is split into four.
+For any one face of a mesh, therefore, no point of a triangle is farther from the mesh than the
+triangle's farthest corner is from that face. Where that bound is too loose, the triangle is cut
+along the prism over the face nearest to its centroid. The corners of the part inside the prism
+bound that part's distance. The other parts are compared with the neighbouring faces, however small
+these are. A triangle whose centroid is outside its prism is split into four.
 """
 
 from typing import NamedTuple
@@ -14,21 +14,22 @@ import numpy as np
 
 from pandis.engine.threads import SMALL, in_threads
 
-#: Largest ratios of the bound to the largest computed distance. The smaller one applies until _FEW
-#: triangles have been examined.
+#: Largest accepted ratios of the bound to the largest computed distance. The smaller one applies
+#: until _FEW triangles have been examined.
 _TIGHT, _LOOSE, _FEW = 1.1, 1.8, 200_000
-#: Margin of a prism around its face, as a share of the largest computed distance, by ratio.
+#: For each ratio, the margin of a prism around its face, as a fraction of the largest computed
+#: distance.
 _WIDER = {_TIGHT: 0.25, _LOOSE: 1.0}
 #: Triangles with bounds up to this (unit frame) are not divided any further.
 _FLOOR = 1e-7
 #: Maximum number of triangles to examine; then the current bound is returned.
 _MOST = 4_000_000
-#: Triangles per task: so few that their distance query does not start threads of its own.
+#: Triangles per task, few enough that their distance query starts no threads of its own.
 _CHUNK = SMALL - 1
 
 
 def farthest(vertices, faces, engine):
-    """Bound the one-sided Hausdorff distance of a surface to a mesh.
+    """Bound the one-sided Hausdorff distance from a surface to a mesh.
 
     Parameters
     ----------
@@ -41,9 +42,8 @@ def farthest(vertices, faces, engine):
     Returns
     -------
     float
-        Upper bound (unit frame). Some point of the surface is more than half as far from the mesh,
-        usually nine tenths as far, unless the bound is at most 1e-7 or too many triangles had to be
-        examined.
+        Upper bound (unit frame). The true distance is more than half of it, usually nine tenths,
+        unless the bound is at most 1e-7 or too many triangles had to be examined.
     """
     left = np.asarray(vertices, np.float64)[faces]
     used = np.asarray(vertices, np.float64)[np.unique(faces)]
@@ -76,7 +76,7 @@ def farthest(vertices, faces, engine):
 
 
 def _bounds(triangles, engine):
-    """Bound the largest distances of triangles (n, 3, 3) to a mesh.
+    """Bound the largest distance of each triangle (n, 3, 3) to a mesh.
 
     Returns upper bounds (n,), lower bounds (n,), and the mesh's faces (n, 3, 3) nearest to the
     triangles' centroids.
@@ -87,13 +87,13 @@ def _bounds(triangles, engine):
 
 
 def _corners_apart(triangles, faces):
-    """Return each triangle's largest corner distance (n,) to the face of the same index."""
+    """Return the distance (n,) of each triangle's farthest corner to the face of the same index."""
     apart = [distance_to_triangles(triangles[:, k], faces) for k in range(3)]
     return np.max(apart, axis=0) if len(triangles) else np.empty(0)
 
 
 class _Over(NamedTuple):
-    """Triangles that are each over one face, and upper bounds (n,) of their distances to it."""
+    """Triangles that each lie over one face, and upper bounds (n,) on their distances to it."""
 
     triangles: np.ndarray
     above: np.ndarray

@@ -1,9 +1,10 @@
 """Measures force errors at points that a probe can reach, and how much surface is missing.
 
 A probe pressed deeper than half the thickness of a wall comes out on the other side, where every
-field is right. So points are at most nine tenths of the inscribed radius below the surface, however
-thin the part. A mean error can hide a field that is wrong in one place. So two shares of the
-surface are also measured: where the force is *missing*, and where the difference can be *felt*.
+field is right. Points are therefore at most nine tenths of the inscribed radius below the surface,
+however thin the part. Because a mean error can hide a field that is wrong in one place, two shares
+of the surface are also measured: the share where the force is *missing*, and the share where the
+difference can be *felt*.
 """
 
 from typing import NamedTuple
@@ -15,20 +16,20 @@ from pandis.pipeline.geometry.sampling import PROBE_DEPTHS, blue_noise
 from pandis.pipeline.geometry.shares import THINNEST, Probes, differences, shares
 from pandis.pipeline.geometry.thickness import are_walls, inscribed_radius
 
-#: Largest depth of points, as a share of the inscribed radius; the force reverses beyond 1.
+#: Largest depth of a point, as a fraction of the inscribed radius. Beyond 1, the force reverses.
 OF_RADIUS = 0.9
 #: Largest depths (unit frame) of the contact sets, by name in tables.
 SETS = {f"contact-{name}": depth for name, depth in PROBE_DEPTHS.items()}
 
 
 class ContactSet(NamedTuple):
-    """Area-uniform points below a surface, as deep as a probe can press there.
+    """Points below a surface, uniform by area and no deeper than a probe can press there.
 
     Attributes
     ----------
     sets : dict of str to Probes
-        By name in `SETS`, whose value is D. Depths are uniform in [0, min(D, 0.9 r)], where r is
-        the inscribed radius.
+        Points by name of the set. Depths are uniform in [0, min(D, 0.9 r)], where D is the value
+        of that name in `SETS`, and r is the inscribed radius.
     pressed : Probes
         Points below the same surface points, at a depth of min(0.04, 0.9 r).
     left_out : float
@@ -82,7 +83,7 @@ def draw_contacts(body, scale, count, *, rng, even=False):
 
 
 def too_thin(radius: Values, wall: Flags, scale) -> Flags:
-    """Return a mask (n,) of walls whose inscribed radius is too small for them to be judged."""
+    """Return a mask (n,) of the points on walls that are too thin to be judged."""
     return wall & (2 * radius < THINNEST * scale.metre)
 
 
@@ -94,7 +95,7 @@ def below(engine, feet: Points, outward: Points, *, depth: Values, wall: Flags, 
 
 
 def contact_errors(force_at, contacts):
-    """Measure a field on a contact set.
+    """Measure a field's errors on a contact set.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Surface points for presses by devices and hands, equally many from each class of thickness."""
+"""Draws surface points at which devices and hands press, equally many per class of thickness."""
 
 from itertools import pairwise
 from typing import NamedTuple
@@ -9,17 +9,17 @@ from pandis.pipeline.geometry.measure import OF_RADIUS, too_thin
 from pandis.pipeline.geometry.shares import JUDGED
 from pandis.pipeline.geometry.thickness import are_walls, inscribed_radius
 
-#: Bounds (cumulative share of area) of the classes of inscribed radius for stratified points. The
-#: thinnest 0.5 % of the surface gets as many points as the thickest 60 %.
+#: Bounds of the classes of inscribed radius, as cumulative shares of area. The thinnest 0.5 % of
+#: the surface gets as many stratified points as the thickest 60 %.
 _CLASSES = (0.0, 0.005, 0.02, 0.1, 0.4, 1.0)
-#: Upper limit of radii (unit frame): enough for 4 N on an object of 10 cm at 400 N/m.
+#: Upper limit of inscribed radii (unit frame): enough for 4 N on a 10 cm object at 400 N/m.
 THICKEST = 0.2
 #: Number of candidates from which stratified points are chosen.
 _POOL = 20_000
 
 
 class Stratified(NamedTuple):
-    """Surface points, equally many from every class of inscribed radius.
+    """Surface points, in equal numbers from each class of inscribed radius.
 
     Attributes
     ----------
@@ -45,7 +45,7 @@ class Stratified(NamedTuple):
 
 
 def stratify(body, scale, count, *, rng, among="pushing"):
-    """Draw surface points by classes of inscribed radius, so that no thin part is left out.
+    """Draw surface points from each class of inscribed radius, so that no thin part is missed.
 
     Parameters
     ----------

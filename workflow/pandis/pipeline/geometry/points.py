@@ -1,7 +1,7 @@
 """Points on which fields are chosen, and separate points on which the choice is judged.
 
-The field that is best on some points has smaller errors there than elsewhere. So promised errors
-are not measured on the points used for the choice.
+Whichever field is best on a set of points has smaller errors there than elsewhere. Promised errors
+are therefore not measured on the points used for the choice.
 """
 
 from functools import cached_property
@@ -16,8 +16,8 @@ from pandis.pipeline.run.ask.budget import Limits, describe_figures, describe_fo
 
 #: Number of points on which promised errors are measured.
 PROMISED = 2 * HELD_OUT
-#: Numbers after the seed that select random streams. Training points use two, and a trailing zero
-#: does not change a stream. So these are three numbers, of which the last is not zero.
+#: Numbers that, after the seed, select random streams. There are three per stream, and the last
+#: is not zero: streams of training points have two numbers, and a trailing zero changes nothing.
 _CHOOSING, _PROMISING = (11, 0, 1), (12, 0, 1)
 
 
@@ -41,7 +41,7 @@ class Measured(NamedTuple):
 
 
 class Points:
-    """Points on which fields of one mesh are chosen, and points for promised errors.
+    """Points on which one mesh's fields are chosen, and points for measuring promised errors.
 
     Parameters
     ----------

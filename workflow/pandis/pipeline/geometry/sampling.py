@@ -1,8 +1,8 @@
 """Points on a surface, and the probe sets on which errors are measured.
 
 Points are stratified by area along a space-filling order of the faces. Probe
-sets are also blue noise: their points keep a distance from each other. Every point
-can be recomputed from the seed, its face and its barycentric coordinates.
+sets are also blue noise: their points are evenly spaced. Every point can be
+recomputed from the seed, its face and its barycentric coordinates.
 """
 
 from functools import cached_property
@@ -12,7 +12,7 @@ from scipy.spatial import cKDTree
 
 from pandis.base.streams import generator
 
-#: Largest depths below the surface of the two probe sets (unit frame).
+#: Largest depth of each probe set below the surface (unit frame).
 PROBE_DEPTHS = {"shallow": 0.01, "deep": 0.04}
 #: A face's weight for bent sampling is its mean curvature times this length (unit frame).
 BEND_LENGTH = 0.05
@@ -32,8 +32,8 @@ class Surface:
     vertices : ndarray, shape (V, 3), unit frame
     faces : ndarray, shape (F, 3)
     engine : object, optional
-        If given, points are moved onto its zero level. This is for closed-form
-        shapes, which their tessellation only approximates.
+        If given, points are moved onto its zero level. It is meant for closed-form
+        shapes, because their tessellations are only approximate.
     """
 
     def __init__(self, vertices, faces, engine=None):
@@ -120,9 +120,10 @@ def bending(surface):
 def blue_noise(surface, count, rng):
     """Draw blue noise by sample elimination (Yuksel 2015).
 
-    Of four times ``count`` candidates, the most crowded are removed first. Only neighbours on
-    the same side of a wall count. Yuksel removes one candidate at a time. Here each round
-    removes every candidate of the most crowded tenth whose neighbours are no more crowded.
+    Four times ``count`` candidates are drawn, and the most crowded are removed first. Only
+    neighbours on the same side of a wall count. Yuksel removes one candidate at a time; here,
+    each round removes every candidate in the most crowded tenth that is at least as crowded as all
+    its neighbours.
 
     Returns
     -------

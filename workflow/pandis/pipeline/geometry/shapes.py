@@ -33,7 +33,7 @@ class Sphere:
         return distance, _unit(points, [0.0, 0.0, 1.0])
 
     def tessellation(self):
-        """Return vertices (V, 3) and faces (F, 3) of a subdivided octahedron around the axes."""
+        """Return vertices (V, 3) and faces (F, 3) of a subdivided, axis-aligned octahedron."""
         return _subdivided_octahedron(6, self)
 
 

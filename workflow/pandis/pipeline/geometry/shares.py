@@ -24,22 +24,23 @@ THINNEST = 2e-5
 #: Away from walls, places where the exact force is less than this (N) are not judged, because a
 #: hand does not feel it.
 JUDGED = 0.05
-#: Allowance (N) for rounding: at a wall, any force may fall short of the exact one by this.
+#: Allowance (N) for rounding: at a wall, any force may fall short of the exact one by this much.
 ROUNDING = 5e-6
 #: A force is missing if its component along the exact force is below this share of that force.
 MISSING = 0.5
-#: A difference is felt if it exceeds FELT_SHARE of the exact force and FELT_NEWTONS, or if the
-#: direction is off by more than FELT_ANGLE (degrees). For "strongly felt", STRONG_SHARE applies.
+#: A difference is felt if it exceeds both FELT_SHARE of the exact force and FELT_NEWTONS, or if the
+#: direction is off by more than FELT_ANGLE (degrees). It is strongly felt if this holds with
+#: STRONG_SHARE instead of FELT_SHARE.
 FELT_SHARE, STRONG_SHARE, FELT_NEWTONS, FELT_ANGLE = 0.1, 0.4, 0.02, 25.0
-#: Largest share of the area on which a field's force may be missing, and largest share that may be
-#: too thin to be judged.
+#: Largest share of the area on which a field's force may be missing. It also limits the share that
+#: may be too thin to be judged.
 MISSING_LIMIT = 0.005
 #: Largest shares of the surface that may feel strongly different, in total and in one patch. Fields
-#: of the default configuration stay below these on scans and on parts with sharp edges. A fingertip
-#: finds only larger patches.
+#: of the default configuration stay below both on scans and on parts with sharp edges. A fingertip
+#: notices only patches larger than PATCH_LIMIT.
 STRONG_LIMIT, PATCH_LIMIT = 0.015, 0.0025
-#: A smooth field may blend the exact force at a point with that at a place this far (m) beside it.
-#: _AROUND is the number of such places around the point.
+#: A smooth field may blend the exact force at a point with the exact force this far (m) beside it.
+#: _AROUND is the number of directions that are tried around the point.
 BESIDE, _AROUND = 1e-3, 8
 #: A flagged point is in a patch if most of its _NEIGHBOURS nearest points are flagged, too. _SIDES
 #: (unit frame) is added to the distance between the two sides of a wall, to separate them.
@@ -48,7 +49,7 @@ _NEIGHBOURS, _SIDES = 8, 0.1
 
 @dataclass(frozen=True)
 class Probes:
-    """Points below a surface, with the exact data with which forces are compared.
+    """Points below a surface, and the exact data against which forces are compared.
 
     Attributes
     ----------
@@ -96,9 +97,9 @@ class Probes:
 
 
 def missing(force: Points, exact: Points, wall: Flags, *, newtons) -> Flags:
-    """Return a mask (n,) of where a force is missing: less than half of the exact force.
+    """Return a mask (n,) of the points where a force is missing: less than half of the exact one.
 
-    Away from walls it must also fall short by 0.05 N.
+    Away from walls, it must also fall short by at least 0.05 N.
 
     Parameters
     ----------
@@ -115,7 +116,7 @@ def missing(force: Points, exact: Points, wall: Flags, *, newtons) -> Flags:
 
 
 def felt(force: Points, exact: Points, newtons, *, share=FELT_SHARE) -> Flags:
-    """Return a mask (n,) of where the difference between two forces can be felt.
+    """Return a mask (n,) of the points where the difference between two forces can be felt.
 
     Parameters
     ----------
@@ -135,10 +136,11 @@ def felt(force: Points, exact: Points, newtons, *, share=FELT_SHARE) -> Flags:
 
 
 def strongly_felt(force: Points, probes) -> Flags:
-    """Return a mask (n,) of where a force feels strongly different, beyond blending at edges.
+    """Return a mask (n,) of points where a force feels strongly different, blending at edges aside.
 
-    Next to an edge, the force of a smooth field turns from that of one side to that of the other.
-    So any force between the exact ones at a point and a millimetre beside it is accepted.
+    Next to an edge, the force of a smooth field turns gradually from one side's to the other's.
+    Any force between the exact one at a point and the exact one a millimetre beside it is therefore
+    accepted.
 
     Parameters
     ----------
@@ -154,7 +156,7 @@ def strongly_felt(force: Points, probes) -> Flags:
         along = np.einsum("ij,ij->i", force[left] - here, way)
         square = np.maximum(np.einsum("ij,ij->i", way, way), 1e-300)
         mixed = here + np.clip(along / square, 0, 1)[:, None] * way
-        # the chord between two directions shortens a blend: also allow blends of full magnitude
+        # a blend on the chord between two directions is too short: also allow full magnitude
         least = np.linalg.norm(mixed, axis=1)
         most = np.maximum(np.linalg.norm(here, axis=1), np.linalg.norm(there[left], axis=1))
         size = np.clip(np.linalg.norm(force[left], axis=1), least, most)
@@ -166,10 +168,10 @@ def strongly_felt(force: Points, probes) -> Flags:
 
 
 def largest_patch(probes, flags: Flags):
-    """Return the share of all points that are in the largest patch of flagged ones.
+    """Return the share of all points that are in the largest patch of flagged points.
 
-    A flagged point is in a patch if most of its neighbours are flagged, too. So lines and single
-    points are not patches.
+    A flagged point is in a patch if most of its neighbours are flagged, too. Lines and single
+    points are therefore not patches.
     """
     if flags.sum() <= _NEIGHBOURS:
         return 0.0
@@ -196,9 +198,9 @@ def shares(force: Points, probes):
     Returns
     -------
     dict of str to float
-        ``missing``: share of the area judged; ``judged``: share of all area; ``felt``: share of
-        the area where the exact force is at least 0.05 N. If no area is judged, ``missing`` is 1,
-        so that no field passes without evidence.
+        ``missing`` is relative to the judged area, ``judged`` to all area, and ``felt`` to the
+        area where the exact force is at least 0.05 N. If no area is judged, ``missing`` is 1, so
+        that no field passes without evidence.
     """
     judged, pushing = probes.judged, probes.newtons >= JUDGED
     gone = missing(force, probes.force, probes.wall, newtons=probes.scale.newtons)[judged]
@@ -211,7 +213,7 @@ def shares(force: Points, probes):
 
 
 def differences(force: Points, probes):
-    """Measure how far a force is from the exact one.
+    """Measure how strongly a force differs from the exact one.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Training and held-out points, with exact labels, shard by shard.
+"""Draws training and held-out points with exact labels, one shard at a time.
 
 A stratum is the set of points drawn by one rule. The contents of its shard k depend
 only on the seed, the stratum and k. Shards can therefore be drawn one at a time, and
@@ -16,7 +16,8 @@ from pandis.pipeline.run.ask.options import SampleOptions
 from pandis.pipeline.run.records.samples import SamplesRecord
 
 STRATA = ("surface", "offset", "shallow", "penetration", "bent", "core", "box", "held-out")
-#: Depths (unit frame) of the shallow stratum: from just outside to beyond the shallow probes.
+#: Depth range (unit frame) of the shallow stratum: from just outside the surface to below the
+#: shallow probes.
 SHALLOW = (-0.001, 0.0115)
 #: Largest depth (unit frame) of the core stratum, along the inward normal.
 DEEPEST = 1.0
@@ -47,7 +48,7 @@ class Strata:
     Attributes
     ----------
     ranges : dict of str to [int, int]
-        Indices of each stratum's first point and of the one after its last.
+        For each stratum, the index of its first point and the index one past its last.
     count : int
     """
 
@@ -76,7 +77,7 @@ class Strata:
         return cls(body, SampleOptions(**law), seed)
 
     def asking(self, engine):
-        """Return the same strata, to be labelled by another engine."""
+        """Return a copy of these strata that labels points with another engine."""
         strata = copy(self)
         strata.engine = engine
         return strata
@@ -100,9 +101,9 @@ class Strata:
     def shards(self, progress):
         """Yield the arrays of each shard in turn.
 
-        Points are float32 in the unit frame. Distances and normals, which are rounded to float32
-        when stored, are exact for the rounded points. ``tied`` marks points with two closest
-        points, whose normals are arbitrary.
+        Points are float32 in the unit frame. Distances and normals are exact for these float32
+        points, and are themselves rounded to float32 when stored. ``tied`` marks points with two
+        closest points on the surface; their normals are arbitrary.
 
         Parameters
         ----------
@@ -171,7 +172,7 @@ class Strata:
         elif stratum == "held-out":
             offset = -rng.uniform(0, np.array(list(PROBE_DEPTHS.values()))[index % 2])
         elif stratum == "core":
-            offset = rng.random(size)  # share of the depth range, on a logarithmic scale
+            offset = rng.random(size)  # position in the depth range (0 to 1), logarithmic
         else:
             offset = -rng.uniform(0, options.depth, size)
         drawn = self.body.surface.draw(size, rng, start, total=total, bent=stratum == "bent")
@@ -186,7 +187,7 @@ class Strata:
         labels = self.engine.label(points.astype(np.float64))
         distance, normal = labels.distance, labels.normal
         if STRATA[index] == "surface":
-            # points are on the surface by construction, except for rounded coordinates
+            # by construction the points are on the surface, up to rounding of coordinates
             distance = np.zeros(len(points))
             normal = self.body.surface.at(face, barycentrics)[1]
         return {
@@ -202,7 +203,7 @@ class Strata:
 
 
 def _way(points, direction):
-    """Return the distances (n,) along a direction to the boundary of the box, at most `DEEPEST`."""
+    """Return distances (n,) of points along a direction to the box boundary, at most `DEEPEST`."""
     with np.errstate(divide="ignore"):
         way = (np.copysign(1.0, direction) - points) / direction
     return np.minimum(np.where(direction == 0, np.inf, way).min(axis=1), DEEPEST)

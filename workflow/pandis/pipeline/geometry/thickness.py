@@ -1,11 +1,12 @@
-"""Thickness of a solid below points on its surface."""
+"""Measures the thickness of a solid below points on its surface."""
 
 import numpy as np
 
 from pandis.base.arrays import Flags, Points, Values
 from pandis.base.frame import UNIT_SIDE
 
-#: Tolerance (unit frame) of an inscribed ball; twice this is the tolerance of leaving the solid.
+#: Tolerance (unit frame) of an inscribed ball's radius. A path has left the solid once its depth is
+#: at most twice this.
 _SAME = 1e-6
 #: Maximum number of steps of a shrinking ball, and of a path straight inward.
 _STEPS = 60
@@ -15,12 +16,13 @@ WALL = 4.0
 
 
 def inscribed_radius(engine, points: Points, normals: Points, *, largest=UNIT_SIDE / 2) -> Values:
-    """Return the radius (n,) of the largest inscribed ball that touches each surface point.
+    """For each surface point, return the radius (n,) of the largest inscribed ball touching it.
 
-    At greater depths another face is nearer, and a penalty force reverses. For a plate the radius
+    Deeper than this, another face is nearer, and a penalty force reverses. For a plate the radius
     is half the thickness. The method is that of shrinking balls (Ma, Bae and Choi 2012): a ball is
-    replaced by one that also touches the surface point nearest to its centre, until none is nearer.
-    The radius falls at every step, so the result is below the true radius only by rounding.
+    replaced by one that also touches the surface point nearest to its centre, until no surface
+    point is nearer than the given one. The radius falls at every step, so only rounding can make
+    the result smaller than the true radius.
 
     Parameters
     ----------
@@ -55,10 +57,11 @@ def inscribed_radius(engine, points: Points, normals: Points, *, largest=UNIT_SI
 def are_walls(engine, points: Points, normals: Points, *, radius: Values) -> Flags:
     """Return a mask (n,) of the surface points on walls, where the solid below is thin.
 
-    A small inscribed ball does not suffice: near a convex edge of a thick part, the radius tends to
-    0 too, although no face is opposite. The path straight inward is therefore measured. It leaves a
-    wall within `WALL` radii. All points whose ball touches faces with normals more than
-    120° apart are on walls. So are the middles of a thin bar's sides, where normals are 90° apart.
+    A small inscribed ball alone does not show a wall: near a convex edge of a thick part, the
+    radius also tends to 0, although no face is opposite. So the path straight inward is measured: a
+    point is on a wall if this path leaves the solid within `WALL` radii. This holds for all points
+    whose ball touches faces with normals more than 120° apart. It also holds for the middles of a
+    thin bar's sides, where normals are 90° apart.
 
     Parameters
     ----------

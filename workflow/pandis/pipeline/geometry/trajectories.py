@@ -108,14 +108,14 @@ class _Tracer:
         return self.settle(foot - depth * normal, normal, depth, reach=self.step)
 
     def _within(self, foot, normal, depth):
-        """Return the depth, reduced where the part is thin and the path follows the thickness."""
+        """Return the depth; if the path follows the thickness, reduce it where the part is thin."""
         if not self.follow:
             return depth
         radius = inscribed_radius(self.engine, foot[None], normal[None])[0]
         return min(depth, _OF_RADIUS * radius)
 
     def settle(self, point, normal, depth, *, reach):
-        """Move a point to the depth; None if it ends at another depth or side, or too far away."""
+        """Move a point to the depth; return None if it misses, changes side or moves too far."""
         start, now = point, normal
         for _ in range(6):
             distance, direction = self.engine.distance_and_normal(point[None])

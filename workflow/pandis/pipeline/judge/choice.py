@@ -1,7 +1,7 @@
-"""Finds the field for `fields: auto`: the one that meets a budget and is cheapest to build.
+"""Finds the field for `fields: auto`: the cheapest one to build that meets the budget.
 
-The exact mesh needs no building. A compact mesh takes seconds and has small errors, a grid takes a
-second, a spline a quarter of a minute, a network minutes. Kinds are tried in this order, each from
+The exact mesh needs no building. A compact mesh has small errors and takes seconds to build; a grid
+takes a second, a spline 15 seconds, a network minutes. Kinds are tried in this order, each from
 small to large, and the search stops at the first suitable field. The chosen field meets the
 budget on held-out points, and its file, read by ``pandis.h``, passes the stress suite.
 """
@@ -27,7 +27,7 @@ class Chooser:
     Parameters
     ----------
     points : pandis.pipeline.geometry.points.Points
-        Points on the body that the field is for.
+        Points on which the body's fields are measured.
     options : pandis.pipeline.run.ask.tasks.ChooseTask
     times : pandis.pipeline.run.plan.query_times.QueryTimes
     context : pandis.base.progress.Context
@@ -47,8 +47,8 @@ class Chooser:
         Returns
         -------
         arrays, attributes : dict
-            The chosen field's. ``choice`` contains its name, error, bytes and query time;
-            ``considered`` lists the rejected fields with reasons.
+            Those of the chosen field. ``choice`` contains its name, error, bytes and query time;
+            ``considered`` lists the rejected fields, with the reasons.
         finish : callable
             Function to call once the artifact is written.
 
@@ -135,7 +135,7 @@ class Chooser:
         return None
 
     def measured(self, maker, size):
-        """Make a field, and check it against the budget, the stress suite and its own export.
+        """Make a field and measure it; if it meets the budget, export it and test the file.
 
         Returns
         -------
@@ -217,7 +217,7 @@ class Chooser:
         return self.times.seconds(form, size, **shape)
 
     def too_dear(self, form, size, bytes_, **shape):
-        """Return the bytes and the query time that exceed the budget, as text; empty if none do."""
+        """Return as text which of bytes and query time exceed the budget; empty if neither does."""
         limits = []
         if self.budget.bytes is not None and bytes_ > self.budget.bytes:
             limits.append(f"{bytes_:,} bytes")
@@ -227,7 +227,7 @@ class Chooser:
         return " and ".join(limits)
 
     def fitting(self, form, sizes, name=None, **shape):
-        """Return those keys of ``sizes`` (bytes by size) that meet the budget; log if none do."""
+        """Return the sizes in ``sizes`` (bytes by size) that meet the budget; log if none do."""
         dear = {size: self.too_dear(form, size, bytes_, **shape) for size, bytes_ in sizes.items()}
         if all(dear.values()):
             self.skip(name or form, f"{next(iter(dear.values()))} at the least")

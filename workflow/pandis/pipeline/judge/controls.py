@@ -1,4 +1,4 @@
-"""Control fields: every judgement must fail them before its verdicts count.
+"""Control fields: the verdicts of a judgement count only if it fails every control.
 
 They are never exported, chosen or configured. A judgement that passes a control cannot detect
 missing force, and its stage ends with an error.
@@ -15,9 +15,9 @@ from pandis.pipeline.geometry.shares import JUDGED
 from pandis.pipeline.geometry.thickness import are_walls, inscribed_radius
 from pandis.pipeline.kinds.field import Field
 
-#: Share of the area on which a control has no force, four times `MISSING_LIMIT`: of the area judged
-#: in `control-gap`, of all area in `control-thin`. Smallest share of walls for which there is a
-#: `control-thin`.
+#: GAP is the share of the area on which a control has no force: of the judged area for
+#: `control-gap`, of all area for `control-thin`. It is four times `MISSING_LIMIT`. There is a
+#: `control-thin` only if walls cover at least the share LEAST_WALLS of the area.
 GAP, LEAST_WALLS = 0.02, 0.01
 #: Number of surface points sampled to find the largest radius in the gap.
 _POOL = 20_000
@@ -42,9 +42,9 @@ class ControlZero(Field):
 class ControlGap(Field):
     """The exact field with a gap: no force where the object is thinnest.
 
-    Among the places that a filter accepts, the gap contains those with the smallest inscribed
-    radius at the closest surface point. Equal radii are ordered by face and position in it, so
-    that a ball or a plate also has a gap.
+    The gap consists of the places with the smallest inscribed radius at the closest surface point,
+    among those that a filter accepts. Equal radii are ordered by face and by position in the face,
+    so that even a ball or a plate has a gap.
 
     Parameters
     ----------
@@ -53,7 +53,7 @@ class ControlGap(Field):
     passes : callable
         The filter: takes radii (n,) and a mask of walls (n,); returns a mask of accepted places.
     of_all : bool
-        Whether the gap is a share of all area, or only of the accepted places.
+        Whether `GAP` is a share of all area instead of the accepted places only.
 
     Attributes
     ----------

@@ -14,8 +14,9 @@
     ``EXPORTS``: functions, by extension, that write files for other runtimes.
 ``choice``
     ``choose(chooser)`` returns the `pandis.pipeline.kinds.sizing.Outcome` of the first field that
-    meets the budget of `pandis.pipeline.judge.choice.Chooser`, or None; ``timed(torus)`` yields
-    form, size and maker of fields whose queries `snakemake -j1 -f calibrate` times.
+    meets the budget of `pandis.pipeline.judge.choice.Chooser`, or None; ``timed(torus)`` yields the
+    fields whose queries `snakemake -j1 -f calibrate` times: for each, its form, its size and a
+    function that makes it.
 
 Only ``spec`` is required. A kind without ``file`` is kept only for comparison (its
 `pandis.pipeline.run.ask.kind.FieldSpec` has ``native=False``). A kind without ``search`` has no

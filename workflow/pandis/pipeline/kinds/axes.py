@@ -77,7 +77,7 @@ def trilinear(values, position):
 
 
 def corners_of(values, position):
-    """Return the corner values of the cells, by corner, and the positions (m, 3) in the cells."""
+    """Return the values at the cells' corners, by corner, and the positions (m, 3) in the cells."""
     base = np.minimum(np.floor(position), len(values) - 2).astype(np.int64)
     i, j, k = base.T
     values = values if values.ndim == 4 else values[..., None]

@@ -39,8 +39,8 @@ def check(answer, reference, frame, *, rounding=1.0, left_out=None, double=None)
     left_out : callable, optional
         Returns a mask (n,) of the points (n, 3), in mesh units, that are not compared.
     double : callable, optional
-        The reference in double precision. The two differ only by rounding: a bound of less than
-        twice their difference is raised to twice their difference.
+        The reference in double precision, which differs from ``reference`` only by rounding. A
+        bound below twice that difference is raised to that value.
 
     Returns
     -------
@@ -97,10 +97,10 @@ def check_nearest(field, engine, rounding):
     Returns
     -------
     dict
-        ``distance``: largest error of the distance. ``side``: number of points farther from the
-        surface than rounding whose side contradicts the winding number. ``cut``: largest error of
-        the bounds of cut queries. ``foot``: largest distance of a closest point from the surface.
-        ``length``: largest difference of the normal's length from 1.
+        ``distance``: largest error of the distance. ``side``: number of points that are farther
+        than ``rounding`` from the surface and whose side contradicts the winding number. ``cut``:
+        largest error of the bounds of cut queries. ``foot``: largest distance of a computed closest
+        point from the surface. ``length``: largest difference of the normal's length from 1.
 
     Raises
     ------

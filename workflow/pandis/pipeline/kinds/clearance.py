@@ -10,9 +10,9 @@ from pandis.pipeline.kinds.field import BOUND, OK
 
 #: Number of points drawn in the box, and again just outside the surface.
 POINTS = 60_000
-#: Heights above the surface of the points just outside it (unit frame), log-uniform.
+#: Range of the heights of points just outside the surface (unit frame), log-uniform.
 HEIGHTS = 1e-4, 0.5
-#: Sampling can miss the worst case: its result is multiplied by MORE, and ROUNDING is added.
+#: Excesses are multiplied by MORE, and ROUNDING is added, because sampling can miss the worst case.
 MORE, ROUNDING = 1.5, 1e-9
 #: The measured height is multiplied by LESS. _FARTHEST exceeds every distance to a surface in the
 #: box.
@@ -39,8 +39,8 @@ def clearance(answer, engine, seed=0):
         point than the point's distance less the first margin, or less the second where the distance
         is flagged as a bound. A point of the box whose distance is positive and flagged as a bound
         is at least that height away from the surface. The margins and the height are not proved.
-        They are measured with a safety factor, at sampled points and at points that a search near
-        the worst of them finds.
+        They are measured with a safety factor, at sampled points and in a search near the worst of
+        them.
     """
     rng = np.random.default_rng(seed)
     box = rng.uniform(-1, 1, (POINTS, 3))
@@ -53,7 +53,7 @@ def clearance(answer, engine, seed=0):
     every = np.concatenate([box, near])
 
     def measure(points, known=None):
-        """Return the excesses of the margins, and the nearness of bounds, at points: (n, 4)."""
+        """Return three excesses for the margins, and the nearness of bounds, at points: (n, 4)."""
         exact, distance, flag = known or (
             engine.distance_and_normal(points, check=False)[0],
             *answer(points),

@@ -25,7 +25,7 @@ class ExportedField(Field):
         self.file = source if isinstance(source, NativeField) else NativeField(source)
         self.keeps_length = self.file.kind == NETWORK
         #: A closed form is a formula in mesh units. All other fields store unit-frame numbers. They
-        #: are queried in the unit frame, so that conversions to mesh units and back lose no digits.
+        #: are queried in the unit frame, so that no conversion to mesh units and back loses digits.
         self._is_formula = self.file.kind == SHAPE
         self._unit = None if self._is_formula else self.file.placed(UNIT)
         super().__init__(name, self.file.frame, self.file.bytes)

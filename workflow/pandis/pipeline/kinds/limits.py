@@ -1,11 +1,11 @@
-"""Finds a limit on the parts that a query visits, at which no query next to the surface is cut.
+"""Finds how many parts a query must be allowed to visit so that none next to the surface is cut.
 
 Where very many faces are about equally near, as in the middle of a ball, a query is cut: it returns
 a lower bound of the distance, and a face that is not much farther. But where the boxes of very many
 faces overlap, as around a corner of thousands of narrow faces, a cut query can be off by the size
-of the object. Contact happens next to the surface, so no query may be cut there. A single such
-corner can cause this, however small it is and however large the mesh. So queries are tried at every
-vertex and every face, at heights proportional to the lengths of the edges there.
+of the object. One such corner is enough, however small it is and however large the mesh. No query
+may be cut next to the surface, because contact happens there. So queries are tried at every vertex
+and every face, at heights proportional to the lengths of the edges there.
 """
 
 import numpy as np
@@ -15,11 +15,11 @@ from pandis.pipeline.geometry.sampling import Surface
 #: Number of points next to the surface at which queries are tried, in addition to those at vertices
 #: and faces.
 _POINTS = 50_000
-#: Heights above and below the surface (unit frame), log-uniform.
+#: Range of these points' offsets from the surface (unit frame), log-uniform.
 _HEIGHTS = 1e-5, 0.1
-#: Distances from a vertex or a face's middle, as shares of the longest edge there.
+#: Range of distances from a vertex or a face's centre, as fractions of the longest edge there.
 _SHARES = 1e-5, 0.1
-#: Queries are tried at _TRIES points around a corner of more than _CROWD faces.
+#: Queries are tried at _TRIES points around a vertex that more than _CROWD faces share.
 _CROWD, _TRIES = 32, 64
 
 
@@ -40,9 +40,9 @@ def near_surface(vertices, faces, count, *, rng):
 def at_corners(vertices, faces, rng):
     """Draw points (n, 3) next to every vertex and every face's middle.
 
-    Vertices shared by very many faces get more points. The vertices themselves are included, but
-    they are the easiest places: the first face visited is at distance 0, so that no other box can
-    be nearer.
+    Vertices shared by very many faces get more points. The vertices themselves are included,
+    although they are the easiest places: the first face visited is at distance 0, so no other box
+    can be nearer.
 
     Parameters
     ----------
@@ -69,9 +69,9 @@ def _moved(points, length, rng):
 
 
 def least_limit(first, vertices, faces, *, query):
-    """Return twice a limit at which no tried query on or next to a surface is cut.
+    """Return a limit twice as high as one that cuts no query tried on or next to a surface.
 
-    The factor is for points that are not tried: they can need a higher limit.
+    The factor of two allows for points that are not tried, which can need a higher limit.
 
     Parameters
     ----------
@@ -80,7 +80,7 @@ def least_limit(first, vertices, faces, *, query):
     vertices : ndarray, shape (V, 3), unit frame
     faces : ndarray, shape (F, 3)
     query : callable
-        Returns (distance, clear), each (n,), at points (n, 3) with a limit, as
+        Takes points (n, 3) and a limit; returns (distance, clear), each (n,), as
         `pandis.engine.packing.distance_and_clear` does.
 
     Returns

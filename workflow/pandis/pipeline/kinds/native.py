@@ -22,7 +22,7 @@ class FieldFile(ABC):
     ----------
     field : pandis.pipeline.kinds.field.Field
     weight_bits : {32, 16}
-        Weight bits of a network's hidden layers.
+        Bits per weight in a network's hidden layers.
 
     Attributes
     ----------
@@ -43,7 +43,7 @@ class FieldFile(ABC):
         """Return the `pandis.runtime.field.files.Parts` of the file."""
 
     def faces(self, body, original_faces):
-        """Return sections with each face's original face and its material."""
+        """Return the sections that store each face's original face and material."""
         return {}
 
     def notes(self, native):
@@ -81,12 +81,13 @@ class FieldFile(ABC):
     def direction_length(self, field, points):
         """Return the lengths (n,) of a field's directions before normalisation.
 
-        Between two walls rounding decides the direction, so only the force is compared there.
+        With this default, normals are not compared, because between two walls rounding decides
+        the direction.
         """
         return np.full(len(points), FORCE_LENGTH)
 
     def clearance(self, exported, body):
-        """Return the box of contacts, and the margins of distances: see `clearance`."""
+        """Return the surface's box, the margins and the height that `clearance` measures."""
         return clearance(lambda points: exported.query(points)[::2], body.distance)
 
 
@@ -115,7 +116,7 @@ def native_bytes(field, provenance, weight_bits=32, *, safe=None):
     field : pandis.pipeline.kinds.field.Field
     provenance : dict
     weight_bits : {32, 16}
-        Weight bits of a network's hidden layers.
+        Bits per weight in a network's hidden layers.
     safe : ndarray, shape (9,), optional
         From `pandis.pipeline.kinds.clearance.clearance`. Without it a scene queries the field at
         every tick.
@@ -173,6 +174,6 @@ def _checked(file, data, body, *, log):
 
 
 def regions_of(of_face, names):
-    """Return the sections with the material of each face (F,), by number and by name."""
+    """Return the sections with each face's material number (F,) and the materials' names."""
     text = b"".join(name.encode() + b"\0" for name in names)
     return {"REGN": of_face.astype(np.uint8), "RNAM": text}

@@ -1,4 +1,4 @@
-"""Opens any field by its name: only for evaluation, stress tests, timing, report and export.
+"""Opens any field by name. Used only by evaluation, stress tests, timing, report and export.
 
 A field with a file for ``pandis.h`` is queried through that file, so that measurements use what
 programs load. The file is compared with the library's own answers when it is written.

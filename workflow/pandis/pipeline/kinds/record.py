@@ -43,8 +43,8 @@ class DenseRecord(GridRecord):
 class SplineRecord(GridRecord):
     """The three lattices of a spline.
 
-    Nodes per axis, the lower bound of the far lattice, and the offset and scale of the integers of
-    each lattice.
+    The record holds the nodes per axis, the lower bound of the far lattice, and the offset and
+    scale of each lattice's integers.
     """
 
     base_size: int

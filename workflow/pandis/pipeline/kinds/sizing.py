@@ -1,4 +1,4 @@
-"""Finds the sizes of fields: the user gives limits on bytes or error instead of a size."""
+"""Finds the sizes of fields for which the user limits bytes or error instead of giving a size."""
 
 from abc import ABC, abstractmethod
 from typing import NamedTuple
@@ -11,7 +11,7 @@ from pandis.pipeline.geometry.points import Points
 from pandis.pipeline.kinds.field import Field
 from pandis.pipeline.run.records.choice import Chosen
 
-#: No error falls faster than this power of the spacing; sizes that need a faster fall are skipped.
+#: Fastest fall of any error, as a power of the spacing. Sizes that need a faster one are skipped.
 _FASTEST = 4
 
 
@@ -35,7 +35,7 @@ class Candidate(NamedTuple):
 
 
 class Outcome(NamedTuple):
-    """The field of a kind that meets the budget.
+    """The field with which a kind meets the budget.
 
     Attributes
     ----------
@@ -80,27 +80,27 @@ class Maker(ABC):
 
     @abstractmethod
     def finer(self, size, other):
-        """Return the factor by which the other size's spacing is finer."""
+        """Return how many times finer the spacing of size ``other`` is than that of ``size``."""
 
     def hopeless(self, size, figures, limits, *, other):
         """Return whether the figures of one size show that another cannot meet the limits."""
         return figures["mean"] > limits.mean * self.finer(size, other) ** _FASTEST
 
     def never_meets(self, tried, limits, size):
-        """Return whether the (size, `Measured`) tried show that a size cannot meet the limits."""
+        """Return whether tried (size, `Measured`) pairs show that a size cannot meet the limits."""
         return any(self.hopeless(s, m.figures, limits, other=size) for s, m in tried)
 
 
 def points_of(job):
-    """Return the `Points` on which the job of a `SearchTask` compares sizes."""
+    """Return the `Points` on which a `SearchTask` job compares sizes."""
     task = job.options
     return Points(Body.open(job.read("mesh", "mesh")), Scale.of(task.device), task.seed)
 
 
-def write_sized(job, maker):
+def write_sized(job, maker, kind):
     """Find the size of one field, and write its artifact: see `search`."""
     arrays, attributes = search(maker, job.options, job.log)
-    job.write("grid", arrays, attributes | maker.points.body.frame.attributes())
+    job.write(kind, arrays, attributes | maker.points.body.frame.attributes())
 
 
 def search(maker, task, log):
@@ -136,7 +136,7 @@ def search(maker, task, log):
 
 
 def sizing_of(target, tried):
-    """Return the artifact's record of a search, from (size, `Measured`) of all tried sizes."""
+    """Return the artifact's record of a search, given (size, `Measured`) for each size tried."""
     figures = tried[-1][1].figures
     return {
         "asked": target.model_dump(include={"force_error", "tail", "missed", "bytes"}),
@@ -147,7 +147,7 @@ def sizing_of(target, tried):
 
 
 def _smallest(maker, points, target, *, what, log):
-    """Return the first candidate that meets the limits, and (size, `Measured`) of all tried."""
+    """Return the first candidate that meets the limits, and each (size, `Measured`) tried."""
     limits, tried = points.limits(target), []
     for size in maker.sizes:
         if maker.never_meets(tried, limits, size):

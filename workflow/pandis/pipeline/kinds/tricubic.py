@@ -8,8 +8,8 @@ from pandis.pipeline.kinds.graphs import split
 
 #: Offsets of the 64 nodes around a cell.
 AROUND = np.stack(np.meshgrid(*[np.arange(-1, 3)] * 3, indexing="ij"), -1).reshape(-1, 3)
-#: Coefficients (power, node) of the polynomials in the cell position that weight an axis's four
-#: nodes, and of their derivatives.
+#: BASIS: coefficients (power, node) of the polynomials in the cell position that weight an axis's
+#: four nodes. SLOPE: those of their derivatives.
 BASIS = np.array([[1, 4, 1, 0], [-3, 0, 3, 0], [3, -6, 3, 0], [-1, 3, -3, 1]]) / 6
 SLOPE = np.vstack([BASIS[1:] * [[1], [2], [3]], np.zeros(4)])
 
@@ -56,7 +56,7 @@ def tricubic(graph, lattice, coefficients, *, clamped):
         axes.append(split(graph, weights, [1, 1, 1], prefix=name))
 
     def contract(value, weights, shape):
-        """Sum the last axis of (n, …, 4) with weights (n, 1, 4)."""
+        """Sum (n, …, 4) over the last axis, weighted by (n, 1, 4)."""
         name = f"shape{len(graph.constants)}"
         spread = graph.apply("Reshape", weights, graph.constant(name, np.array(shape)))
         product = graph.apply("Mul", value, spread)

@@ -17,7 +17,7 @@ def build(options, source_file, log):
     ----------
     options : pandis.pipeline.run.ask.tasks.MeshTask
     source_file : path-like or None
-        The file to read if the workflow has fetched or found it; by default the source itself.
+        The file that the workflow has fetched or found. If None, the source itself is read.
     log : pandis.base.progress.Log
 
     Returns

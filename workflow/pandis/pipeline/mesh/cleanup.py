@@ -1,7 +1,7 @@
 """The lossless rung: weld, drop degenerate and duplicate faces, orient outward, split contacts.
 
-Each weld spans at most the tolerance, but a chain of welds may span more. The copies of a
-split vertex move apart by `PARTING` times the diagonal, so that surfaces no longer touch.
+Each weld spans at most the tolerance, but a chain of welds may span more. Each copy of a
+split vertex moves by `PARTING` times the diagonal, so that surfaces no longer touch.
 """
 
 import igl
@@ -21,11 +21,11 @@ from pandis.pipeline.mesh.topology import (
     same_place,
 )
 
-#: Distance that the copies of a split vertex move into their solids, as a share of the diagonal.
+#: Distance by which copies of a split vertex move into their solids, as a fraction of the diagonal.
 PARTING = 1e-7
 #: An inward direction runs along a face if it gains at most this much depth per unit length.
 _SADDLE = 0.05
-#: Share of the area in cancelling faces above which a model counts as made of two-sided sheets.
+#: A model counts as made of two-sided sheets if more than this share of its area would cancel.
 SHEETS = 0.1
 
 
@@ -36,7 +36,8 @@ def clean(vertices, faces, tolerance=0.0):
     ----------
     vertices, faces : ndarray
     tolerance : float
-        Distance (mesh units) within which vertices are merged into the first; 0: only equal ones.
+        Distance (mesh units) within which vertices are merged into the first of them. With 0,
+        only equal ones are merged.
 
     Returns
     -------
@@ -58,12 +59,12 @@ def clean(vertices, faces, tolerance=0.0):
 
 
 def resolve_duplicates(vertices, faces):
-    """Cancel opposite faces over the same three vertices: they enclose nothing.
+    """Cancel opposite faces on the same three vertices, because they enclose nothing.
 
-    The remaining faces over the same vertices have the same orientation. Of several exact
-    copies one is kept, or all if removing the others would open a closed mesh, because the exact
-    union resolves them later. If cancelling would remove more than `SHEETS` of the area, the
-    faces are the two sides of sheets, and one side of each sheet is kept.
+    The remaining faces on the same vertices have the same orientation. Of several exact copies,
+    one is kept. If removing the others would open the mesh, all are kept, because the exact union
+    resolves them later. If cancelling would remove more than `SHEETS` of the area, the faces are
+    taken to be the two sides of sheets, and one side of each sheet is kept.
     """
     _, index, counts = np.unique(
         np.sort(faces, axis=1), axis=0, return_inverse=True, return_counts=True
@@ -88,7 +89,7 @@ def resolve_duplicates(vertices, faces):
 
 
 def _once(faces):
-    """Return the faces without copies, or unchanged if that would open the mesh."""
+    """Return the faces without copies, or unchanged if removing copies would open the mesh."""
     _, first = np.unique(np.sort(faces, axis=1), axis=0, return_index=True)
     if len(first) == len(faces):
         return faces
@@ -100,7 +101,7 @@ def _once(faces):
 
 
 def flip_flat_faces(vertices, faces, rounds=20):
-    """Flip the longest edge of each zero-area face, so that it and its neighbour have area.
+    """Flip the longest edge of each zero-area face, so that the face and its neighbour have area.
 
     The third corner of a flat face is on its longest edge. The two faces at that edge
     therefore cover the same surface before and after the flip.
@@ -145,8 +146,8 @@ def orient(vertices, faces, nested="cavity"):
     ----------
     vertices, faces : ndarray
     nested : {"cavity", "solid"}
-        Meaning of a component wholly inside another: alternately a cavity and a
-        solid, by nesting depth; or always a solid.
+        How to interpret a component wholly inside another. ``cavity``: as a cavity or a
+        solid, alternating with nesting depth. ``solid``: always as a solid.
 
     Returns
     -------
@@ -181,8 +182,8 @@ def split(vertices, faces, straight=False):
     vertices, faces : ndarray
         Consistently oriented.
     straight : bool
-        Whether to move copies inward from all their faces if moving them against their mean
-        normals makes surfaces cross.
+        If moving copies against their mean normals makes surfaces cross: whether to move them
+        inward from all their faces instead.
 
     Returns
     -------
@@ -199,7 +200,7 @@ def split(vertices, faces, straight=False):
 
 
 def _separate(vertices, faces):
-    """Return vertices with copies, faces that use them, and the indices of all copies."""
+    """Return the vertices and their copies, the faces that use them, and all copies' indices."""
     edges = EdgeTable(faces)
     fan = fans(faces, edges, _wedges(vertices, faces, edges))
     roots, index = np.unique(fan, return_inverse=True)
@@ -305,8 +306,9 @@ def _part(vertices, faces, moving, *, straight):
 def _ways_in(vertices, faces, normal, *, moving):
     """Return unit vectors (V, 3) that point from copies of vertices into their solids, 0 elsewhere.
 
-    They point inward from all faces, so that moved surfaces meet no others. A saddle has no such
-    direction: of the copies at one place, the one that would gain the least depth does not move.
+    Each points inward from all faces of its copy, so that moved surfaces meet no others. At a
+    saddle there is no such direction: of the copies at one place, the one that would gain the
+    least depth stays.
     """
     order = np.argsort(faces.reshape(-1), kind="stable")
     owner = faces.reshape(-1)[order]
@@ -325,9 +327,9 @@ def _ways_in(vertices, faces, normal, *, moving):
 
 
 def _inward(normals, rounds=60):
-    """Return the unit vector that leads deepest below the planes of normals (n, 3), and its depth.
+    """Return the direction that leads deepest below all planes with normals (n, 3), and its depth.
 
-    Each round turns the vector away from the plane below which it is least deep.
+    Each round turns the unit vector away from the plane below which it is least deep.
     """
     way, best = -normals.sum(axis=0), (np.zeros(3), -1.0)
     for turn in range(rounds):

@@ -79,7 +79,7 @@ class Surface:
 
 
 def deviation(source, result, seed, *, reference=None, wall=0.0, samples=SAMPLES):
-    """Measure how far two meshes are apart, in both directions.
+    """Measure how far apart two meshes are, in both directions.
 
     Parameters
     ----------
@@ -87,10 +87,10 @@ def deviation(source, result, seed, *, reference=None, wall=0.0, samples=SAMPLES
     seed : int
     reference : Surface, optional
         The source after welding and outward orientation, so that its inside is
-        defined even if the source is a soup. By default the source.
+        defined even if the source is a triangle soup. Defaults to the source.
     wall : float
-        If the surface was thickened into a wall: half the wall's thickness (mesh
-        units). Source points deeper than this inside the result's solid count as hidden.
+        Half the wall's thickness (mesh units) if the surface was thickened into a wall, else 0.
+        Source points deeper than this inside the result's solid count as hidden.
     samples : int
         Number of points per direction, uniform by area.
 
@@ -140,7 +140,7 @@ def provenance(source, result, reference):
     origin : ndarray, shape (F,), uint8
         An index into `ORIGINS`.
     distance : ndarray, shape (F,), float32
-        From each face's centre to the reference; 0 for shared faces; mesh units.
+        Distance from each face's centre to the reference, in mesh units; 0 for shared faces.
     """
     _, common, _ = _common(source, result)
     origin, distance = np.where(common, 0, 1).astype(np.uint8), np.zeros(len(common), np.float32)
@@ -192,7 +192,7 @@ def _common(source, result):
 
 
 def inside_changed(reference, result, seed, *, count=20_000):
-    """Return the share of the inside that a repair has added or removed.
+    """Return the volume that a repair has added or removed, as a share of the inside.
 
     A point counts only if its winding number in the reference clearly means inside or outside.
     This excludes points near the reference's holes.

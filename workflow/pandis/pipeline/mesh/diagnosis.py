@@ -1,4 +1,4 @@
-"""Diagnosis of a mesh: counts all faults that affect a signed distance."""
+"""Diagnoses a mesh: counts all faults that affect a signed distance."""
 
 from dataclasses import asdict, dataclass, field
 
@@ -21,7 +21,8 @@ from pandis.pipeline.mesh.winding import WindingNumber
 FLAT = 1e-13
 #: A face whose smallest altitude is at most this share of its longest edge is a sliver.
 SLIVER = 1e-2
-#: Number of points at which the winding number is checked, and of rays for wall thickness.
+#: Numbers of points at which the winding number is checked, and of rays that measure wall
+#: thickness.
 WINDING_POINTS, THICKNESS_RAYS = 20_000, 2_000
 #: Maximum number of components listed, largest first.
 LISTED_COMPONENTS = 50
@@ -83,7 +84,7 @@ class Diagnosis:
 
     @property
     def rank(self):
-        """Sort key, lower is better: unbalanced edges, connectivity faults, all faults."""
+        """Sort key; lower is better. Order: unbalanced edges, connectivity faults, all faults."""
         return (
             self.unbalanced_edges,
             self.nonmanifold_edges + self.nonmanifold_vertices + self.orientation_conflicts,
@@ -111,8 +112,8 @@ class Diagnosis:
 def diagnose(vertices: Vertices, faces: Faces):
     """Examine a mesh.
 
-    Coincident vertices are counted, then merged. The other faults of a triangle soup are
-    therefore those of the surface that it describes.
+    Coincident vertices are counted, then merged. The other counts therefore describe the
+    surface itself, even if the mesh is a triangle soup.
 
     Parameters
     ----------
@@ -177,7 +178,7 @@ def diagnose(vertices: Vertices, faces: Faces):
 def crossing_faces(vertices: Vertices, faces: Faces):
     """Return the pairs (m, 2) of faces that meet outside their shared vertices and edges.
 
-    The test is exact (libigl's predicates). Faces that merely touch count, because the
+    The test is exact (libigl's predicates). Faces that merely touch are included, because the
     closest surface is ambiguous where two surfaces touch.
     """
     sound = np.flatnonzero(~repeats_a_vertex(faces))
@@ -201,7 +202,7 @@ def count_distinct(faces: Faces):
 
 
 def _unit_box(vertices, used):
-    """Centre and scale to a longest side of 1, for libigl's float32 and the thresholds."""
+    """Centre vertices and scale the longest side to 1, for libigl's float32 and the thresholds."""
     low, high = vertices[used].min(axis=0), vertices[used].max(axis=0)
     return (vertices - (low + high) / 2) / (high - low).max()
 
@@ -236,7 +237,7 @@ def _parts(component, count, volumes, *, depth):
 
 
 def _wall_thickness(unit, faces, area, *, scale):
-    """Return minimum and first percentile of the wall thickness, measured along −normal."""
+    """Return the minimum and first percentile of the wall thickness, along inward normals."""
     rng = np.random.default_rng(0)
     start = np.minimum(
         np.searchsorted(np.cumsum(area) / area.sum(), rng.random(THICKNESS_RAYS)), len(faces) - 1

@@ -1,4 +1,4 @@
-"""Hole filling with existing vertices: no vertex is added or moved.
+"""Fills holes with existing vertices: no vertex is added or moved.
 
 Every rim is triangulated by dynamic programming over all triangulations of its
 polygon (Barequet & Sharir 1995; weights of Liepa 2003, "Filling holes in
@@ -13,7 +13,7 @@ from pandis.pipeline.mesh.diagnosis import crossing_faces
 from pandis.pipeline.mesh.topology import EdgeTable
 
 _WEIGHTS = ("fold", "area")
-#: Area cost of a triangle without area; the polygon is scaled to size 1.
+#: Area charged for a triangle of zero area, in a polygon scaled to size 1.
 _FLAT = 1e3
 
 
@@ -60,7 +60,7 @@ def _rims(faces, edges):
     """Return the rims as lists of half-edges, in the order in which caps traverse them."""
     half = np.flatnonzero(edges.boundary[edges.edge_of])
     start, end = edges.directed[half].T
-    # a cap traverses edges in the opposite direction to their faces: from end to start
+    # a cap traverses each edge in the opposite direction to its face, from end to start
     follow = dict(zip(end.tolist(), half.tolist(), strict=True))
     if len(follow) != len(half):
         raise ValueError("a vertex lies on two rims: split non-manifold vertices first")
@@ -88,7 +88,7 @@ def triangulate(vertices, faces, rim, *, known, weight):
     rim : list of int
         Half-edges, see `_rims`.
     known : set of (int, int)
-        Edges (smaller index first) of the mesh, which a cap must not reuse.
+        Edges of the mesh (smaller index first), which a cap must not reuse.
     weight : {"fold", "area"}
 
     Returns
@@ -119,8 +119,9 @@ def least_cost_triangles(points, weight="area", rim_normal=None, *, forbidden=No
     ----------
     points : ndarray, shape (n, 3)
     weight : {"fold", "area"}
-        Minimise the largest fold, then the area; or the area, then the largest fold.
-        The sum of squared edge lengths breaks remaining ties, which favours round triangles.
+        What to minimise. ``fold``: the largest fold, then the area. ``area``: the area, then
+        the largest fold. The sum of squared edge lengths breaks remaining ties, which favours
+        round triangles.
     rim_normal : ndarray, shape (n, 3), optional
         Unit normal of the face beyond each edge k, which runs from corner k to k + 1. By
         default, folds at the rim cost nothing.

@@ -95,7 +95,7 @@ def read_mesh(source, path, sha256=None, *, seconds=120.0, memory_gb=3.0):
 
 @contextmanager
 def unpacked(source, path):
-    """Yield the path of a file; a gzip file is unpacked for the duration of the ``with`` block.
+    """Yield a file's path. A gzip file yields a copy, unpacked until the ``with`` block ends.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""Runs rungs in child processes, diagnoses the results, and records why each is kept or not."""
+"""Runs rungs in child processes, diagnoses the results, and records whether each is kept."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -13,7 +13,7 @@ from pandis.pipeline.mesh.diagnosis import Diagnosis, diagnose
 from pandis.pipeline.mesh.topology import compact
 from pandis.pipeline.run.ask.options import MeshOptions
 
-#: Largest share of the inside that a rung may add or remove.
+#: Largest volume that a rung may add or remove, as a share of the inside.
 INSIDE_CHANGED = 0.02
 
 
@@ -43,7 +43,7 @@ class Ladder:
     now : Diagnosis
         Diagnosis of the current mesh.
     rungs : list of dict
-        Every attempt: rung, operation, parameters, whether kept, reason if not, remaining faults.
+        Every attempt: rung, operation, parameters, whether kept (if not, why), remaining faults.
     source, reference : Surface
         Meshes from which deviations are measured: the mesh as read, and the same mesh
         after welding and outward orientation, so that its inside is defined.
@@ -97,7 +97,7 @@ class Ladder:
         except (tools.LimitError, tools.MissingError) as error:
             left = [name for name in self.options.rungs if name != rung]
             out = f"or leave this rung out: mesh.rungs: [{', '.join(left)}]"
-            # stop: with the package installed, the mesh would differ from that of the next rung
+            # stop: if the next rung ran instead, the mesh would depend on what is installed
             if isinstance(error, tools.MissingError):
                 remedy = (
                     f"needs a package: {error}; pip install 'pandis-fields[make,repair]', {out}"
@@ -126,7 +126,7 @@ class Ladder:
         return reason is None
 
     def state(self):
-        """Return a snapshot, to be restored by `go_back`."""
+        """Return a snapshot that `go_back` can restore."""
         return State(
             self.vertices, self.faces, self.now, self.source, self.reference, self.deviation,
             [dict(entry) for entry in self.rungs],

@@ -17,7 +17,7 @@ def nesting_depth(vertices, faces, component, *, count, crossings):
     Parameters
     ----------
     vertices, faces : ndarray
-        All components are closed.
+        All components must be closed.
     component : ndarray, shape (F,)
     count : int
     crossings : ndarray, shape (m, 2)

@@ -16,7 +16,7 @@ THICKEN = "To turn it into a wall of mesh.thickness, set `mesh: {open: thicken}`
 
 
 def large_holes(vertices, faces, small_hole, *, max_edges):
-    """Return every hole that is not small, the largest relative rim first.
+    """Return every hole that is not small, in descending order of relative rim length.
 
     A hole is small if its rim is no longer than ``small_hole`` times its component's
     diagonal and has at most ``max_edges`` edges.
@@ -40,7 +40,7 @@ def large_holes(vertices, faces, small_hole, *, max_edges):
 
 
 def loose_pieces(vertices, faces, small_hole, *, max_edges):
-    """Find the faces of open pieces with a large hole that can be left out.
+    """Find the faces of open pieces that have a large hole and can be left out.
 
     Parameters
     ----------
@@ -51,8 +51,8 @@ def loose_pieces(vertices, faces, small_hole, *, max_edges):
     Returns
     -------
     debris, inside : ndarray, shape (F,)
-        Masks: faces of small stray pieces, as in scans; faces of pieces wholly inside
-        closed parts.
+        Masks of the faces of small stray pieces, as in scans, and of the faces of pieces
+        wholly inside closed parts.
     """
     label, count = components(faces)
     edges = EdgeTable(faces)
@@ -76,7 +76,7 @@ def loose_pieces(vertices, faces, small_hole, *, max_edges):
         np.logical_and.at(least, label[open_[label]], within)
         inside = open_ & least
     small = np.sort(share[open_ & ~inside])
-    # share of the largest piece that, together with all smaller ones, is below DEBRIS
+    # area share of the largest piece that, summed with all smaller ones, stays below DEBRIS
     most = small[: np.searchsorted(np.cumsum(small), DEBRIS)].max(initial=-1.0)
     debris = open_ & ~inside & (share <= most) & (np.arange(count) != share.argmax())
     if share[debris].sum() >= DEBRIS:

@@ -11,7 +11,7 @@ import numpy as np
 from pandis.base.errors import PandisError
 from pandis.pipeline.run.ask.sourcing import regions_file
 
-#: Maximum number of regions of a mesh: an index into the regions is stored in one byte.
+#: Maximum number of regions in a mesh, because an index into them is stored in one byte.
 MOST = 255
 #: Formats whose readers preserve the order of a file's triangles.
 IN_ORDER = "obj", "ply", "stl", "off"
@@ -20,7 +20,7 @@ _PLACES = np.array([[1, 1, 1], [4, 1, 1], [1, 4, 1], [1, 1, 4]]) / np.array([[3]
 
 
 def named_in(reading, log):
-    """Return the regions of a mesh as read, from the materials that its file names.
+    """Return the regions of a mesh as read, based on the materials named in its file.
 
     Parameters
     ----------
@@ -47,7 +47,7 @@ def named_in(reading, log):
 
 
 def read_beside(path, form, count):
-    """Read the array beside a mesh file that names a material for each triangle.
+    """Read the array, stored beside a mesh file, that names a material for each triangle.
 
     ``part.stl.regions.npy`` beside ``part.stl`` contains a number or a name for each triangle, in
     the file's order.
@@ -105,7 +105,7 @@ def regions_after(mesh, regions, repaired, *, log):
     mesh : tuple of ndarray
         Vertices and faces as read.
     regions : tuple (region, names)
-        Region of each face as read, an index into the names, and the names: see `named_in`.
+        Region of each face as read (an index into the names), and the names: see `named_in`.
     repaired : tuple of ndarray
         Vertices and faces of the repaired mesh.
     log : pandis.base.progress.Log
@@ -128,7 +128,7 @@ def regions_after(mesh, regions, repaired, *, log):
 
 
 def carry(mesh, region, onto):
-    """Return the region (F',) of each face of a mesh, from the nearest faces of another.
+    """Return the region (F',) of each face of a mesh, taken from the nearest faces of another.
 
     Each face looks up the region at its centre and next to its corners. The majority decides, and
     the centre breaks ties.

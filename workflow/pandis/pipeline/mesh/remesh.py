@@ -1,11 +1,10 @@
 """Remeshes any triangle soup as the closed level set where the winding number is one half.
 
-Jacobson et al. 2013, "Robust inside-outside segmentation using generalized
-winding numbers". Marching cubes extracts the zero level of a field: the exact distance,
-multiplied by a side between 1 (outside) and −1 (inside) that changes gradually with the winding
-number. The field is exact at the
-surface and continuous across holes. Only cells near the surface or near a change of side
-are visited.
+After Jacobson et al. 2013, "Robust inside-outside segmentation using generalized winding
+numbers". Marching cubes extracts the zero level of a field. The field is the exact distance
+multiplied by a side, which changes gradually with the winding number, from 1 (outside) to
+−1 (inside). It is exact at the surface and continuous across holes. Only cells near the
+surface or near a change of side are visited.
 """
 
 import igl
@@ -19,7 +18,7 @@ DENSE_LEVEL = 5
 #: Slope of the side, which falls from 1 (outside) at winding number 0.375 to −1 (inside) at 0.625
 #: and is constant outside this range.
 SLOPE = 4.0
-#: Corners of a cell in the order of libigl's marching cubes: around the bottom, around the top.
+#: Corners of a cell in libigl's order for marching cubes: around the bottom, then around the top.
 _CORNERS = np.array(
     [[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0], [0, 0, 1], [1, 0, 1], [1, 1, 1], [0, 1, 1]]
 )

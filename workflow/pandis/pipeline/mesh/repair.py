@@ -27,11 +27,12 @@ from pandis.pipeline.mesh.openings import THICKEN, advice, large_holes, loose_pi
 from pandis.pipeline.mesh.topology import EdgeTable, compact, components, one_sided
 
 RUNGS = ("clean", "union", "fill", "meshfix", "remesh", "wrap")
-#: Octree levels tried by `remesh`: cells of 1/128 and 1/256 of 1.1 times the longest side.
+#: Octree levels that `remesh` tries. Their cells are 1.1/128 and 1.1/256 of the longest side.
 REMESH_LEVELS = (7, 8)
 #: Vertices are coplanar if their smallest singular value is at most this share of the largest.
 FLAT = 1e-9
-#: Share of duplicate faces above which a mesh is taken to consist of sheets without thickness.
+#: A mesh is taken to consist of sheets without thickness if more than this share of its faces are
+#: duplicates.
 SHEETS = 0.2
 #: Alpha and offset of `wrap`, as shares of the diagonal.
 WRAP_ALPHA, WRAP_OFFSET = 0.005, 0.0002

@@ -1,8 +1,9 @@
-"""Operations that run in child processes: readers, repair rungs, tools under other licences.
+"""Operations that run in child processes: readers, repair rungs and tools under other licences.
 
-A crafted file can take hours to read. Some tools crash or hang. PyMeshLab, the exact union and
-MeshFix are GPL or AGPL. Each call therefore runs ``python -m pandis.pipeline.mesh.tools`` with
-limits on time and memory. Arrays are passed as ``.npz`` in float64, never in a mesh format.
+Each call runs ``python -m pandis.pipeline.mesh.tools`` with limits on time and memory. There are
+three reasons: a crafted file can take hours to read, some tools crash or hang, and PyMeshLab, the
+exact union and MeshFix are licensed under the GPL or AGPL. Arrays are passed as ``.npz`` in
+float64, never in a mesh format.
 """
 
 import json
@@ -213,8 +214,8 @@ def union(vertices, faces):
 def skin(vertices, faces):
     """Remove the walls between the cells of one body, with libigl and CGAL.
 
-    A connected piece with edges of more than two faces keeps only the faces with the outside on
-    exactly one side. These are oriented outward.
+    If a connected piece has edges with more than two faces, only its faces with the outside on
+    exactly one side are kept. These are oriented outward.
     """
     from igl.copyleft import cgal
 
@@ -243,7 +244,7 @@ def fill(vertices, faces):
 
 
 def meshfix(vertices, faces):
-    """Repair each component separately with MeshFix (Attene 2010), which handles single bodies."""
+    """Run MeshFix (Attene 2010) on each component separately, because it handles single bodies."""
     import pymeshfix
     from scipy.spatial import cKDTree
 

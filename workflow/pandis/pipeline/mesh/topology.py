@@ -22,7 +22,7 @@ class EdgeTable:
     edge_of : ndarray, shape (3 F,)
         Index of each half-edge's edge.
     uses, forward : ndarray, shape (E,)
-        Number of faces at each edge; number of them that traverse it from its smaller index.
+        Number of faces at each edge, and how many of them traverse it from its smaller index.
     """
 
     def __init__(self, faces):
@@ -127,13 +127,13 @@ def one_sided(faces):
 
 
 def components(faces):
-    """Return the edge-connected component of each face, and their number."""
+    """Return the edge-connected component of each face, and the number of components."""
     count, label = igl.facet_components(np.ascontiguousarray(faces, np.int64))
     return label, int(count)
 
 
 def fans(faces, edges, also=None):
-    """Return the fan of each corner (3 F,): faces that manifold edges join around its vertex.
+    """Return the fan of each corner, (3 F,): the faces joined around its vertex by manifold edges.
 
     A vertex with more than one fan is not manifold. Fans are numbered by their
     smallest corner index (``3 f + k``).
@@ -169,7 +169,7 @@ def nonmanifold_vertices(faces, edges):
 
 
 def same_place(vertices):
-    """Return for each vertex the index of the first vertex with the same coordinates."""
+    """For each vertex, return the index of the first vertex with the same coordinates."""
     _, first, index = np.unique(vertices + 0.0, axis=0, return_index=True, return_inverse=True)
     return first[index.reshape(-1)].astype(np.int64)
 

@@ -11,7 +11,7 @@ from pandis.engine.bvh import Bvh
 
 #: Winding numbers farther than this from an integer are recomputed with finer clusters.
 CLEAR = 0.1
-#: Distance from which a cluster replaces its faces, in cluster radii: first pass and refinement.
+#: Distance, in cluster radii, beyond which a cluster replaces its faces: first pass, refinement.
 ROUGH, FINE = 3.0, 12.0
 
 

@@ -8,7 +8,7 @@ from pandis.pipeline.run.ask.kind import AUTO
 
 
 def build_seconds(mesh, fields, folder):
-    """Return the seconds of the last job that built each field.
+    """Return the time in seconds of the last job that built each field.
 
     For a job that resumed from a checkpoint, only the time since then counts. Times are stored
     beside the artifacts, not in them; a field without a time is left out.
@@ -23,7 +23,7 @@ def build_seconds(mesh, fields, folder):
     Returns
     -------
     dict of str to float
-        By field; 0 if nothing is built beyond the mesh.
+        Seconds by field; 0 for a field that needs only the mesh.
     """
     seconds = {}
     for field in fields:
@@ -39,7 +39,7 @@ def build_seconds(mesh, fields, folder):
 
 
 def build_file(mesh, field, folder):
-    """Return the benchmark file of the job that built a field; None if nothing is built."""
+    """Return the benchmark file of the job that built a field; None if it needs only the mesh."""
     spec = known_field(field)
     spec = spec.through or spec
     if spec.artifact == "mesh":

@@ -1,4 +1,4 @@
-"""A collection of many meshes in one table: the source, repair and files of each."""
+"""One table for a collection of many meshes: the source, repair and files of each."""
 
 import base64
 import csv
@@ -35,12 +35,12 @@ COLUMNS = {
 }
 #: Directions of the deviation: from the source to the result, and back.
 _WAYS = "to_result", "to_source"
-#: Side of a picture, pixels.
+#: Side length of a picture, pixels.
 _SMALL = 72
 
 
 def collect(meshes, threads, progress, *, note):
-    """Return the rows of all meshes in order, reading as many at a time as there are threads.
+    """Return the rows of all meshes in order. With n threads, n meshes are read at a time.
 
     Parameters
     ----------
@@ -102,7 +102,7 @@ def _picture(mesh):
 
 
 def to_csv(rows, refused=()):
-    """Return rows as the text of a CSV file; refused meshes have a row with only the reason.
+    """Return rows as CSV text. A refused mesh has a row with only its name and the reason.
 
     Parameters
     ----------

@@ -16,8 +16,9 @@ from pandis.pipeline.run.records.samples import SamplesRecord
 _COLOURS = {form: one for kind in KINDS.values() for form, one in kind.colours.items()}
 _COLOURS[AUTO] = "#e4572e"
 _UNCHANGED, _CAP = (176, 190, 214), (60, 160, 90)
-#: Colours of trained fields, in order; colour of fields whose kind defines none.
+#: Colours of trained fields, in order.
 _LEARNED = ("#d62828", "#f3722c", "#b5179e", "#f48fb1", "#7f1d1d", "#ff7f50")
+#: Colour of a field whose kind defines none for it.
 _OTHER = "#708090"
 
 
@@ -37,7 +38,7 @@ def picture(vertices, faces, path):
 
 
 def heat_map(vertices, faces, origin, *, moved):
-    """Draw a repaired mesh from two sides: the parts kept, moved (and how far), and added.
+    """Draw a repaired mesh from two sides: which faces were kept, moved (how far), or added.
 
     Parameters
     ----------
@@ -66,7 +67,7 @@ def heat_map(vertices, faces, origin, *, moved):
 
 
 def holding(vertices, faces, pushed, *, holding_newtons):
-    """Draw the largest force of a mesh's walls against a push, from two sides.
+    """Draw, from two sides, the largest force with which a mesh's walls resist a push.
 
     Parameters
     ----------
@@ -75,7 +76,7 @@ def holding(vertices, faces, pushed, *, holding_newtons):
     pushed : ndarray, shape (n, 3)
         Points of the surface, unit frame.
     holding_newtons : ndarray, shape (n,)
-        Largest force against a push at each point, N.
+        Largest force that resists a push at each point, N.
     """
     _, nearest = cKDTree(pushed).query(vertices[faces].mean(axis=1), k=3)
     newtons = holding_newtons[nearest].mean(axis=1)
@@ -92,7 +93,7 @@ def holding(vertices, faces, pushed, *, holding_newtons):
 
 
 def _show(axes, vertices, faces, *, view, colours=None, points=None):
-    """Draw a mesh without the empty margin."""
+    """Draw a mesh, with the empty margins cropped."""
     image = render(vertices, faces, size=480, view=view, colours=colours, points=points)
     rows, columns = (np.flatnonzero(image[..., 3].any(axis=k)) for k in (1, 0))
     shown = image[rows[0] : rows[-1] + 1, columns[0] : columns[-1] + 1]
@@ -140,7 +141,7 @@ def quiver(fields, size=32, half=1.0):
 
 
 def samples(artifact, limit=4000):
-    """Draw the training points near a plane, and the distribution of their distances.
+    """Draw the training points near z = 0, and the distribution of distances in each stratum.
 
     Parameters
     ----------
@@ -222,7 +223,7 @@ def error_against_time(rows, specs, networks):
     for panel, key in zip(axes, ("native_p50_us", "jump_rms_newtons"), strict=True):
         shown, best = [row for row in known if row[key] != "" and row[key] > 0], []
         for row, unbeaten in zip(shown, pareto(shown, ("contact_mean", key)), strict=True):
-            exact = row["contact_mean"] == 0  # zero has no place on a logarithmic axis
+            exact = row["contact_mean"] == 0  # a logarithmic axis cannot show zero
             x, y = row[key], floor if exact else row["contact_mean"]
             best += [(x, y)] if unbeaten else []
             look = colour(by_name[row["field"]], networks)
@@ -246,7 +247,7 @@ def error_against_time(rows, specs, networks):
 
 
 def training_curves(models):
-    """Draw the held-out force error over the steps of each network."""
+    """Draw the held-out force error of each network against its training steps."""
     figure = Figure(figsize=(6.4, 3.6))
     axes = figure.add_subplot()
     numbers = {}
@@ -263,7 +264,7 @@ def training_curves(models):
 
 
 def compute_histogram(compute, specs, networks, *, deadline):
-    """Draw the distribution of the time per tick of each exported field."""
+    """Draw, for each exported field, the distribution of the compute time per tick."""
     figure = Figure(figsize=(6.4, 3.6))
     axes = figure.add_subplot()
     bins = np.geomspace(0.02, 2000, 150)

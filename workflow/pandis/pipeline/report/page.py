@@ -38,10 +38,10 @@ from pandis.pipeline.run.records.timing import TimingRecord
 
 
 def mesh_sections(meshes, threads, progress, *, note):
-    """Prepare all meshes, as many at a time as there are threads, each in a separate process.
+    """Prepare the sections of all meshes in separate processes, at most one per thread.
 
-    A process reads the mesh that it draws and then frees it, so only the meshes being drawn are in
-    memory.
+    Each process reads a mesh, draws it and frees it, so memory contains only the meshes that are
+    being drawn.
 
     Parameters
     ----------
@@ -197,7 +197,7 @@ def _chosen(record):
 
 
 def _verdicts(questions, answers, failures):
-    """Return, for every field, a sentence on what it failed, and by how much."""
+    """Return, by field, a text that states which questions it failed and by how much."""
     return {
         field: "; ".join(questions[question].says(answers[field][question]) for question in failed)
         for field, failed in failures.items()
@@ -233,14 +233,14 @@ def _training(model):
 
 
 def _first(rows, networks):
-    """Return the field whose errors the view shows first: the best network, or the best of all."""
+    """Return the field whose errors the view shows first: the best network, else the best field."""
     known = [r for r in rows if r["bytes"] != "" and r["trajectory_mean"] > 0]
     shown = [r for r in known if r["field"] in networks] or known
     return min(shown, key=lambda row: row["trajectory_mean"], default={"field": ""})["field"]
 
 
 def _sentence(rows, networks, closed_form):
-    """Return sentences on the best field where a probe can press, and on the networks' errors."""
+    """Return sentences on the best usable field, the networks' errors and the exact query time."""
     known = [row for row in rows if row["bytes"] != ""]
     approximate = [row for row in known if row["field"] != "exact" and row["trajectory_mean"] > 0]
     if not approximate:
@@ -329,12 +329,12 @@ def build(sections, refused=None):
 
 
 def _path(path):
-    """Return a path as HTML that may break into lines after each folder."""
+    """Return a path as HTML that allows a line break after each folder."""
     return Markup("/<wbr>").join(map(escape, str(path).split("/")))
 
 
 def _percent(share):
-    """Format a share as a percentage; a share below rounding is 0."""
+    """Format a share as a percentage; a share within rounding error is 0."""
     return _number(100 * share if abs(share) > 1e-12 else 0)
 
 

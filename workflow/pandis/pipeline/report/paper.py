@@ -1,4 +1,4 @@
-"""The paper's tables, reproduced, with each figure beside the printed one."""
+"""Reproduces the paper's tables, with each new figure beside the printed one."""
 
 from typing import NamedTuple
 
@@ -7,7 +7,7 @@ from pandis.pipeline.judge.errors.paths import BASELINES, repeats, spread
 from pandis.pipeline.judge.timing.timing import BRUTE
 from pandis.pipeline.kinds.grid.spec import BOX
 
-#: The columns of Tables 2 to 4, as the paper names them. Its grids cover the mesh's own box.
+#: Methods of Tables 2 to 4, as the paper names them. The paper's grids cover the mesh's own box.
 METHODS = {
     BRUTE: "GT",
     "nearest-box-32": "NN-i 32³, own box",
@@ -16,15 +16,15 @@ METHODS = {
     "trilinear-box-64": "Tri-i 64³, own box",
     "pandis": "PANDIS",
 }
-#: The same grids on the cube of the unit frame: not in the paper.
+#: The same grids on the cube of the unit frame. The paper does not have them.
 CUBES = {
     field.replace(BOX, ""): title.replace("own box", "cube")
     for field, title in METHODS.items()
     if BOX in field
 }
 _CONTACT = list(SETS)[-1]
-#: Printed figures of Tables 1 to 4; those of Table 3 are in ms, on the first device. Two counts of
-#: Table 1 are misprints: the Armadillo has 172,974 vertices, the Dragon 871,414 faces.
+#: Figures printed in Tables 1 to 4. Those of Table 3 are in ms, on the paper's first device. Two
+#: counts in Table 1 are misprints: the Armadillo has 172,974 vertices, the Dragon 871,414 faces.
 PRINTED = {
     "bunny": {
         "vertices": 35_947,
@@ -51,7 +51,7 @@ PRINTED = {
         "error": (0, 0.176, 0.054, 0.171, 0.041, 0.068),
     },
 }
-#: Printed figures of Table 5, by field. Fields that interpret a method in another way have none.
+#: Figures printed in Table 5, by field. Other variants of a method have no printed figure.
 SPHERE = {
     "exact": 0,
     "nearest-100": 0.097,
@@ -76,7 +76,7 @@ class Table(NamedTuple):
 
 
 def tables(sections):
-    """Return the paper's tables whose meshes are among the sections.
+    """Return those of the paper's tables whose meshes are among the sections.
 
     Parameters
     ----------
@@ -129,7 +129,7 @@ def _training(scans):
 
 
 def _each(scans, cells):
-    """Return a row per method of the paper with the cells of every scan, then the cubes' rows."""
+    """Return one row per method of the paper, with all scans' cells, then the cube grids' rows."""
     rows = [
         (title, *(cell for s in scans for cell in cells(s, field, index)))
         for index, (field, title) in enumerate(METHODS.items())
@@ -223,7 +223,7 @@ def _errors(scans):
 
 
 def _scan_errors(section):
-    """Yield the rows of Table 4 of one scan."""
+    """Yield one scan's rows of Table 4."""
     printed, known = PRINTED[section.name]["error"], _by_field(section)
     errors, newtons = section.evaluation.errors, section.evaluation.newtons
     path, contact = errors["trajectory"], errors[_CONTACT]

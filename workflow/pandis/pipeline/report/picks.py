@@ -1,4 +1,4 @@
-"""Which of a mesh's files to use, with their error, size, time and safe stiffness in words."""
+"""Picks the files of a mesh to use, and describes their error, size, time and safe stiffness."""
 
 from pandis.pipeline.judge.errors.front import may_be_used
 from pandis.pipeline.judge.servo.attached import SHARE
@@ -17,14 +17,14 @@ def picks(rows, hardware, folder):
     Returns
     -------
     list of dict
-        ``field`` and ``file``; texts: ``error``, ``size``, ``time``, ``safe`` (a sentence on the
-        safe stiffness), ``why`` (the beginning of a sentence) and ``through`` (a sentence, if hard
-        presses go through walls with penalty forces, so that a proxy has to be used; otherwise
-        empty); and numbers, of which ``stiffness`` is the safe stiffness.
+        ``field`` and ``file``. Texts: ``error``, ``size``, ``time``, ``safe`` (a sentence on the
+        safe stiffness), ``why`` (the start of a sentence) and ``through`` (empty, or a sentence
+        that says to use a proxy, because hard presses go through walls with penalty forces).
+        Numbers, of which ``stiffness`` is the safe stiffness.
     """
     able, tried = usable(rows, hardware), hardware.fields
     exact = [row for row in able if row["contact_mean"] == 0]
-    exact = sorted(exact, key=lambda row: row["field"] != "exact")[:1]  # or an exact `auto`
+    exact = sorted(exact, key=lambda row: row["field"] != "exact")[:1]  # else an exact `auto`
     others = [row for row in able if row["contact_mean"] > 0]
     best = [min(others, key=lambda row: row["contact_mean"])] if others else []
     picked = [_pick(row, tried[row["field"]], folder) | {"why": "Use"} for row in exact + best]
@@ -55,7 +55,7 @@ def usable(rows, hardware):
 
 
 def _why(row, exact):
-    """Return the beginning of a sentence with the advantage of a field over the exact one."""
+    """Return the start of a sentence that states a field's advantage over the exact field."""
     if row["bytes"] < exact["bytes"]:
         return "Or, if that is too large,"
     faster = row["native_p50_us"] < exact["native_p50_us"]
@@ -74,12 +74,12 @@ def _file_is_sound(verdict):
 
 
 def _touched(verdict):
-    """Return the devices' verdicts on a field through a proxy; empty if it has none."""
+    """Return the devices' verdicts on a field touched through a proxy; empty if it has no proxy."""
     return list(verdict.proxy.devices.values()) if verdict.proxy else []
 
 
 def _lets_through(verdict):
-    """Return the number of hard presses that penalty forces let through, and of all hard presses.
+    """Return how many hard presses penalty forces let through, and how many there were in all.
 
     Both numbers are those of the worst device.
     """
@@ -90,7 +90,7 @@ def _lets_through(verdict):
 def _safe(verdict):
     """Return the stiffness that is safe in the lightest hand on every device; None without devices.
 
-    It refers to the recommended force: that of a proxy if penalty forces let hard presses through.
+    It applies to the recommended force: the proxy's if penalty forces let hard presses through.
     """
     felt = _touched(verdict) if _lets_through(verdict)[0] else verdict.devices.values()
     hands = [device.hands for device in felt]

@@ -14,7 +14,7 @@ mpl.rcParams["svg.fonttype"] = "none"
 mpl.rcParams["font.size"] = 9
 mpl.rcParams["axes.spines.top"] = mpl.rcParams["axes.spines.right"] = False
 
-#: Characters left unescaped in a URI within an attribute, which keeps it shorter than base 64.
+#: Characters left unescaped in a URI within an attribute, so that it is shorter than in base 64.
 _SAFE = " !$()*+,-./:;=?@[]_~{}|^"
 
 
@@ -46,7 +46,7 @@ def save(figure, numbers=None, dpi=110):
         Resolution of rasterised parts, dots per inch.
     """
     figure.draw_without_rendering()
-    figure.set_layout_engine("none")  # the layout is fixed, the same for both files
+    figure.set_layout_engine("none")  # freeze the layout: it is the same in both files
     box = figure.get_tightbbox().padded(mpl.rcParams["savefig.pad_inches"])
     svg = _written(figure, "svg", dpi, box=box, Date=None).decode()
     pdf = _written(figure, "pdf", dpi, box=box, CreationDate=None)

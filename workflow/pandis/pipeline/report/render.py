@@ -40,13 +40,13 @@ def render(vertices, faces, size=560, *, view=VIEW, points=None, colours=None):
     cover = parts[..., 3:].sum(axis=(1, 3))
     colour = (parts[..., :3] * parts[..., 3:]).sum(axis=(1, 3)) / np.maximum(cover, 1)
     image = np.concatenate([colour, cover / _FINER**2], axis=2)
-    return np.rint(image).astype(np.uint8) & 0xFC  # fewer tones, shorter files
+    return np.rint(image).astype(np.uint8) & 0xFC  # fewer tones make files smaller
 
 
 def _draw(vertices, faces, size, *, axes, points, colours):
     """Draw a mesh without smoothing: see `render`."""
     whole = Surface(vertices, faces)
-    # faces that point away are hidden: the solid is closed
+    # the solid is closed, so faces that point away are hidden
     front = np.flatnonzero(whole.normals @ axes[2] > 0)
     surface = Surface(vertices, np.asarray(faces)[front])
     count = round(10 * size * size * surface.areas.sum() / whole.areas.sum())
@@ -72,7 +72,7 @@ def _draw(vertices, faces, size, *, axes, points, colours):
 
 
 def _close_pinholes(image, buffer):
-    """Fill each empty pixel that has three covered neighbours with the colour of one of them."""
+    """Colour each empty pixel that has at least three covered neighbours like one of them."""
     covered = image[..., 3] > 0
     steps = ((0, 1), (0, -1), (1, 0), (-1, 0))
     around = sum(np.roll(covered, step, (0, 1)).astype(int) for step in steps)

@@ -6,8 +6,8 @@ from pathlib import Path
 
 from pandis.base.errors import ArtifactError
 
-#: Start and end of the comment at the end of a file. Programs that read volumes use the offsets in
-#: the file's header, and never read its end.
+#: Marks that open and close the comment at the end of a file. A volume can end in a comment too:
+#: programs that read it follow the offsets in its header, and never read its end.
 _HTML, _LINE = (b"\n<!-- pandis: ", b" -->\n"), (b"\n# pandis: ", b"\n")
 _MARKS = {".html": _HTML, ".xml": _HTML, ".obj": _LINE, ".vdb": _LINE}
 #: Extensions of the files sealed this way.

@@ -20,7 +20,7 @@ class Section:
     ----------
     name : str
     rows, controls : list of dict
-        Rows of the summary: fields, and controls.
+        Rows of the summary, for fields and for controls.
     picks, advice : list of dict
         The files to use: see `pandis.pipeline.report.picks` and
         `pandis.pipeline.judge.errors.front.recommend`.
@@ -38,11 +38,11 @@ class Section:
     sentence, paths_said : str
     repair : list of str
     verdicts, proxy_verdicts, notes : dict of str to str
-        By field: failures without and through a proxy, and a network's training, in words.
+        Texts by field: failures without a proxy, failures through one, how a network was trained.
     followed : str
         Why the path is less deep than configured; empty if it is not.
     touch : str or None
-        HTML of the interactive part for touching its fields.
+        HTML of the interactive part in which the mesh's fields are touched.
     choice : dict or None
         Result of `fields: auto`, in words.
     """

@@ -12,7 +12,7 @@ from pandis.pipeline.run.records.hardware import HardwareRecord
 from pandis.pipeline.run.records.stress import StressRecord
 from pandis.pipeline.run.records.timing import TimingRecord
 
-#: The contact set of the headline errors, and the shallow one.
+#: Contact sets: the one used for the headline errors, and the shallow one.
 CONTACT, SHALLOW = "contact-deep", "contact-shallow"
 COLUMNS = {
     "mesh": "Mesh",
@@ -68,9 +68,9 @@ FEW = (
     "jump_rms_newtons", "front",
 )  # fmt: skip
 
-#: Mean errors below this are rounding errors (unit frame): the field counts as exact.
+#: A mean error below this (unit frame) is due to rounding, and the field counts as exact.
 ROUNDING = 1e-12
-#: Columns of times that are empty for some fields.
+#: Time columns that are empty for some fields.
 _IN_C = (
     "native_p50_us", "native_p999_us", "anywhere_p50_us", "anywhere_max_us",
     "native_cold_p50_us", "native_cold_max_us", "libtorch_p50_us",
@@ -86,8 +86,8 @@ def summarise(columns):
     Parameters
     ----------
     columns : iterable of list of pandis.pipeline.run.job.artifact.Artifact
-        Evaluations, timings, stresses and hardware: one of each per mesh, in the same order. Their
-        folder has the mesh's name.
+        Artifacts of evaluations, timings, stress and hardware: one of each per mesh, in the same
+        order. An artifact's folder has the name of its mesh.
     """
     rows = []
     for artifacts in zip(*columns, strict=True):
@@ -112,7 +112,7 @@ def summary_rows(mesh, records, builds):
     Returns
     -------
     list of dict
-        Keys of COLUMNS; values that a field lacks are empty.
+        With the keys of COLUMNS. A value that a field lacks is empty.
     """
     evaluation, timing, stress, hardware = records
     measured = evaluation.errors["trajectory"]
@@ -157,7 +157,7 @@ def control_rows(mesh, evaluation, stress):
 
 
 def _errors(evaluation, field):
-    """Return the columns of a row with a field's errors."""
+    """Return the error columns of a field's row."""
     errors = {n: table[field] for n, table in evaluation.errors.items() if field in table}
     path, mean_force = errors["trajectory"], evaluation.mean_force["trajectory"]
     row = {
@@ -198,12 +198,12 @@ def _contact(errors, evaluation):
 
 
 def _mean_text(mean):
-    """Return a mean error as reported: 0 if it is below rounding."""
+    """Return a mean error as it is reported: 0 if it is below `ROUNDING`."""
     return 0.0 if mean < ROUNDING else mean
 
 
 def to_csv(rows, refused=()):
-    """Return rows as the text of a CSV file; refused meshes have a row with only the reason.
+    """Return rows as CSV text. A refused mesh has a row with only its name and the reason.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""The part of the page for touching a mesh, with small files of its fields."""
+"""The part of the page in which a mesh is touched, with small files of its fields."""
 
 import json
 from pathlib import Path
@@ -7,7 +7,7 @@ from pandis.bridges.web import LONGEST, STIFFEST, loop, touched
 from pandis.runtime.field import NativeField
 from pandis.runtime.info import no_proxy
 
-#: Largest size (bytes) of one mesh's files and of all parts of a page, so that pages open quickly.
+#: Size limits (bytes) that let pages open quickly: for one mesh's files, for all parts of a page.
 _EACH, _ALL = 1_000_000, 6_000_000
 
 
@@ -41,7 +41,7 @@ def touch(paths, size, stiffness, *, view):
 
 
 def shared(sections):
-    """Return the parts of a page's meshes by name, as many as fit, and the data that they share."""
+    """Return, by mesh, as many of a page's touch parts as fit, and the data that they share."""
     parts, left = {}, _ALL
     for section in sections:
         if section.touch and len(section.touch) <= left:

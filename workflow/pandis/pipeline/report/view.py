@@ -5,9 +5,9 @@ import json
 
 import numpy as np
 
-#: Powers of ten that the colours span, up to the largest errors.
+#: Number of powers of ten that the colours span, down from the largest errors.
 DECADES = 3
-#: Integer steps per unit of length, and over the range of colours.
+#: Integer steps per unit of length, and from the first colour to the last.
 _STEPS, _COLOURS = 32767, 255
 
 

@@ -47,7 +47,7 @@ class Options(ctypes.Structure):
     )
 
     def feel(self, materials, regions, texture):
-        """Set the materials (an array kept alive by the caller), source of regions and texture."""
+        """Set the materials (the caller keeps the array alive), source of regions, and texture."""
         self.materials, self.material_count = ctypes.addressof(materials), len(materials)
         self.texture = None if texture is None else ctypes.addressof(texture)
         self.regions = None if regions is None else regions.address
@@ -155,7 +155,7 @@ class Feel(NamedTuple):
     texture: Texture | None = None
 
     def scene(self, placed: Placed) -> "TouchedScene":
-        """Return the `TouchedScene` of one object."""
+        """Return a `TouchedScene` of this object alone."""
         return TouchedScene(
             [placed],
             self.radius,
@@ -184,7 +184,8 @@ class NativeContact:
     Raises
     ------
     PandisError
-        The object's pose is invalid, or its field is a grid of forces (no distances outside).
+        The object's pose is invalid, or its field is a grid of forces, which has no distances
+        outside.
     """
 
     def __init__(
@@ -262,7 +263,7 @@ class NativeContact:
 
 
 class SceneForces(NamedTuple):
-    """Forces (n, 3), flags, queries, touched objects and seconds (n,) of each step of a scene."""
+    """Per step: force (n, 3), flag, numbers of queries and of touched objects, and seconds (n,)."""
 
     force: Floats
     flag: NDArray[np.uint8]
@@ -315,7 +316,7 @@ class TouchedScene(NativeScene):
         self.restart()
 
     def restart(self) -> None:
-        """Restart all contacts: the next position must be outside of the objects."""
+        """Restart all contacts. The next position must be outside all objects."""
         self._check(self._open(self._contacts))
 
     def _open(self, contacts):
@@ -358,8 +359,8 @@ class TouchedScene(NativeScene):
     def step_all(self, path: ArrayLike, dt: Number = 1e-3) -> Floats:
         """Return the forces (n, 3) along a path, stepping every object's contact at every step.
 
-        The contacts used here are separate from the scene's and begin with the path. Afterwards
-        the scene's contacts are restarted.
+        This uses separate contacts, which begin at the start of the path. Afterwards the scene's
+        own contacts are restarted.
         """
         path = np.ascontiguousarray(path, np.float64).reshape(-1, 3)
         others = ctypes.create_string_buffer(len(self._contacts))

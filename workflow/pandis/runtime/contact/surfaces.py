@@ -11,11 +11,11 @@ from pandis.engine.compiler import load
 from pandis.runtime.field import ArrayLike, Number
 
 SOURCE = Path(__file__).with_name("contact.c")
-#: Function that returns height and gradient of a texture at a point (3,) in a region.
+#: Function that returns a texture's height and gradient at a point (3,) in a region.
 Height = Callable[[NDArray[np.float64], int], tuple[float, ArrayLike]]
 #: Name used for a surface with a single material.
 WHOLE = "the surface"
-#: The kind of a surface without a texture.
+#: The texture kind that stands for no texture.
 SMOOTH = "smooth"
 
 
@@ -47,7 +47,7 @@ def materials_for(contact, names):
     Returns
     -------
     dict of str to dict
-        The fields of a `Material`, by name.
+        For each name, the fields of a `Material`.
     """
     surfaces = {name: contact.materials.get(name, contact) for name in names or ()}
     return {
@@ -99,7 +99,7 @@ def unknown_materials(contact, names):
 
 
 def texture_for(textures, scale):
-    """Return the combined texture of an object, or None.
+    """Return the combined texture of an object, or None if it has none.
 
     Parameters
     ----------
@@ -120,7 +120,7 @@ def _texture(options, scale):
 
 
 def as_array(material):
-    """Return one material, several, or None (a smooth surface) as a C array."""
+    """Convert one material, several, or None (a smooth surface) to a C array."""
     several = [material] if material is None or isinstance(material, Material) else material
     return (Material * len(several))(*(Material() if m is None else m for m in several))
 
@@ -137,12 +137,12 @@ class _Patches(ctypes.Structure):
 
 
 class Texture(ctypes.Structure):
-    """A height map over a surface, which a proxy feels; mesh units.
+    """A height map over a surface, felt through a proxy; mesh units.
 
     Attributes
     ----------
     most, steepest : float
-        Largest height, and largest length of its gradient.
+        Largest height, and largest magnitude of its gradient.
     numbers : tuple of float
         For waves and bumps: height and length; for waves also the direction.
     parts : list of Texture
@@ -177,7 +177,7 @@ class Texture(ctypes.Structure):
 
     @classmethod
     def by_region(cls, textures: Iterable["Texture | None"]) -> "Texture":
-        """Return the texture of a surface from those of its regions; None is a smooth region."""
+        """Combine the textures of a surface's regions into one; None stands for a smooth region."""
         parts = [cls() if each is None else each for each in textures]
         table = (cls * len(parts))(*parts)
         patches = _Patches(ctypes.addressof(table), len(parts))

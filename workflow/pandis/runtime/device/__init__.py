@@ -31,11 +31,11 @@ RELEASE = 5
 class Limits(ctypes.Structure):
     """Limits on forces; see ``guard.h``.
 
-    ``force`` and ``continuous`` (peak and sustained; 0: unknown), ``step`` (largest addition
-    between ticks) and ``impulse`` (largest change between ticks), N; ``speed`` of the probe, m/s;
-    ``ramp``, ticks until the full force is reached; ``damping`` (Ns/m) and ``encoder`` step (m) of
-    the device; ``stiffness`` of the wall, N/m, which bounds the energy it stores; ``most_damping``
-    (Ns/m) that may be added; ``needs``: NEEDS_BUTTON and NEEDS_SWITCH, where they apply.
+    Forces, N: ``force`` (peak), ``continuous`` (sustained; 0: unknown), ``step`` (largest addition
+    between ticks) and ``impulse`` (largest change between ticks). ``speed``: of the probe, m/s.
+    ``ramp``: ticks until the full force is reached. ``damping`` (Ns/m) and ``encoder`` (position
+    step, m): of the device. ``stiffness``: of the wall, N/m, which bounds the energy it stores.
+    ``most_damping``: may be added, Ns/m. ``needs``: NEEDS_BUTTON and NEEDS_SWITCH, where they apply.
     """
 
     _fields_ = (
@@ -65,10 +65,10 @@ class DeviceReport(ctypes.Structure):
 class Simulated(ctypes.Structure):
     """A simulated device and the hand that holds it.
 
-    ``mass`` (kg), ``damping`` (Ns/m), ``friction`` (N), ``encoder`` (position step, m);
-    ``force`` (N), ``impulse`` (N per ms) and ``speed`` (m/s) beyond which errors occur; the hand's
-    ``hand_stiffness`` (N/m) and ``hand_damping`` (Ns/m); ``period`` of a tick (s); ``wall``, the
-    stiffness of the touched surface (N/m); ``delay`` of forces in ticks, at most 20.
+    The device's ``mass`` (kg), ``damping`` (Ns/m), ``friction`` (N) and ``encoder`` (position step,
+    m). Limits beyond which it reports errors: ``force`` (N), ``impulse`` (N per ms), ``speed``
+    (m/s). The hand's ``hand_stiffness`` (N/m) and ``hand_damping`` (Ns/m). ``period`` of a tick, s.
+    ``wall``: stiffness of the touched surface, N/m. ``delay`` of forces: at most 20 ticks.
     """
 
     _fields_ = (
@@ -160,12 +160,12 @@ class Session(NamedTuple):
     why : str
         Details of the cause, such as the system's error for the library.
     proxy : ndarray, shape (n, 3)
-        Per tick, m: the proxy on the first touched object of a scene with contacts; without one,
-        the position.
+        Per tick, m: the proxy on the first touched object of a scene with contacts; if there is
+        none, the position.
     path : ndarray, shape (n, 3), or None
         True position of a simulated device at the end of each tick, m.
     watched : bool
-        Whether a separate process could have ended the force: see ``watchdog.h``.
+        Whether a separate process stood ready to end the force: see ``watchdog.h``.
     """
 
     position: np.ndarray
@@ -320,7 +320,7 @@ def run_device(path, name, order):
 
 
 def run_simulated(device, start, rest, *, press, order, clock=False):
-    """Run an order on a simulated device, in simulated time or by a clock.
+    """Run an order on a simulated device, in simulated time or in real time.
 
     Parameters
     ----------

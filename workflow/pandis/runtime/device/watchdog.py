@@ -7,7 +7,7 @@ import subprocess
 import sys
 import time
 
-#: As in ``watchdog.h``.
+#: States in ``watchdog.h``.
 STARTS, READY, REFUSED, OVER = range(4)
 #: Time allowed for the process to start and open the device, and later to end, s.
 _PATIENCE = 5.0
@@ -22,7 +22,7 @@ class _Pulse(ctypes.Structure):
 
 
 class Watchdog:
-    """Starts the process once the run has opened the device; a context manager around the run.
+    """A context manager around a run; starts the process once the run has opened the device.
 
     Parameters
     ----------

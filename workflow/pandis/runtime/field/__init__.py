@@ -82,7 +82,7 @@ class NativeField:
         self._begin(None)
         if isinstance(source, bytes):
             self.path, self._bytes = Path("field.pandis"), np.frombuffer(source, np.uint8)
-            if self._bytes.ctypes.data % 8:  # only if needed: a large mesh takes a gigabyte
+            if self._bytes.ctypes.data % 8:  # copy only if needed: a large mesh takes a gigabyte
                 self._bytes = self._bytes.copy()
             size = len(self._bytes)
             error = self._library.pandis_open(self._field, self._bytes.ctypes.data, size)
@@ -194,7 +194,7 @@ class NativeField:
 
     @property
     def has_distance(self) -> bool:
-        """Whether it has distances outside; false only for grids of forces, whose slope is 0."""
+        """Whether there are distances outside; false only for grids of forces, whose slope is 0."""
         somewhere = self.frame.to_mesh([[0.31, -0.27, 0.19]])  # at the centre the slope may be 0
         return self.kind != GRID or bool(self.query_slopes(somewhere)[1][0] > 0)
 
@@ -261,7 +261,7 @@ class NativeField:
         return tuple(names)
 
     def query_within(self, points: ArrayLike, reach: Number) -> tuple[NativeAnswer, Floats]:
-        """Query points (n, 3), answered only where a surface is within ``reach``, mesh units.
+        """Query points (n, 3); answer only where a surface is within ``reach``, mesh units.
 
         Returns
         -------
@@ -284,7 +284,7 @@ class NativeField:
         Returns
         -------
         NativeAnswer
-            The same as from `query`, to the last bit.
+            Bit for bit the same as from `query`.
         """
         return self._answers(points, -1.0)[0]
 
@@ -330,10 +330,11 @@ class NativeField:
     def hessian(self, points: ArrayLike) -> Floats:
         """Return the second derivatives (n, 3, 3) of the distance at points (n, 3), per mesh unit.
 
-        They are analytic for meshes and closed forms (those of the nearest feature: 0 next to a
-        face, round next to an edge or a corner), for splines and for grids of distances. For
-        networks, and where the flag is a bound, they are finite differences over a few thousandths
-        of the object or less. NaN where `gradient` is NaN.
+        They are analytic for meshes, closed forms, splines and grids of distances. For meshes and
+        closed forms, they are those of the nearest feature: 0 next to a face, and those of a round
+        surface next to an edge or a corner. For networks, and where the flag marks a bound, they
+        are finite differences over a few thousandths of the object or less. NaN where `gradient` is
+        NaN.
         """
         return self._derivatives(points)[1]
 

@@ -18,7 +18,7 @@ _WHOLES, _REALS = 14, 16
 
 
 class Parts(NamedTuple):
-    """What differs between the files of different kinds.
+    """The contents of a file that depend on the kind of its field.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""Meshes that one thread moves while another queries them, without waiting: ``pandis_handover``."""
+"""Meshes that one thread moves while another queries them; neither waits: ``pandis_handover``."""
 
 import ctypes
 import time
@@ -41,7 +41,8 @@ class SharedField(MovingField):
         Raises
         ------
         ValueError
-            The number of vertices is wrong, or one is not finite or too large; the old shape stays.
+            The number of vertices is wrong, or a coordinate is not finite or too large. The old
+            shape is kept.
         """
         start, vertices = time.perf_counter(), self._checked(vertices)
         if self._library.pandis_handover_refit(self._handover, vertices.ctypes.data, len(vertices)):

@@ -45,7 +45,7 @@ class MovingField(NativeField):
         ----------
         vertices : ndarray, shape (V, 3), mesh units
             In the order of ``mesh.zarr.zip``. The frame does not change: queries outside its
-            box are answered, with a flag that marks them as bounds.
+            box are answered, but flagged as bounds.
 
         Returns
         -------
@@ -55,7 +55,8 @@ class MovingField(NativeField):
         Raises
         ------
         ValueError
-            The number of vertices is wrong, or one is not finite or too large; the old shape stays.
+            The number of vertices is wrong, or a coordinate is not finite or too large. The old
+            shape is kept.
         """
         vertices = self._checked(vertices)
         taken = self._library.runtime_refit_time(self._field, vertices.ctypes.data)

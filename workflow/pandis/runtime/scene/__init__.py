@@ -26,7 +26,7 @@ class Placed(NamedTuple):
     ----------
     field : pandis.runtime.field.NativeField
     rotation : ndarray, shape (3, 3)
-        Maps a mesh point p to ``scale * rotation @ p + translation``.
+        A mesh point p is at ``scale * rotation @ p + translation`` in the scene.
     translation : ndarray, shape (3,)
         Scene units.
     scale : float
@@ -51,7 +51,7 @@ class Placed(NamedTuple):
         position: ArrayLike = (0, 0, 0),
         rotation: ArrayLike = _UPRIGHT,
     ) -> "Placed":
-        """Return a field whose box is centred at a position and whose longest side is ``size``."""
+        """Place a field: its box centred at ``position``, its longest side equal to ``size``."""
         scale = size * field.frame.scale / UNIT_SIDE
         centre = scale * np.asarray(rotation) @ np.array(field.frame.centre)
         return cls(field, rotation, np.array(position) - centre, scale, stiffness)
@@ -180,7 +180,7 @@ class NativeScene:
         return np.array(place.rotation).reshape(3, 3), np.array(place.translation)
 
     def answer(self, points: ArrayLike, timed: bool = False) -> Answers:
-        """Return the `Answers` along a path (n, 3), scene units; queries only the fields needed."""
+        """Return `Answers` along a path (n, 3), scene units, querying only the fields needed."""
         points = np.ascontiguousarray(points, np.float64).reshape(-1, 3)
         count = len(points)
         force, flag = np.empty((count, 3)), np.empty(count, np.uint8)

@@ -1,4 +1,4 @@
-"""Poses that a simulation hands to a haptic loop without waiting: ``pandis_poses``."""
+"""Poses that a simulation hands to a haptic loop; neither waits: ``pandis_poses``."""
 
 import ctypes
 
@@ -70,7 +70,7 @@ class Poses:
         ------
         ValueError
             An array has the wrong shape, a matrix is not a rotation, a value is not finite, or an
-            object turns more than halfway round in a period. The last frame stays.
+            object rotates by more than half a turn in a period. The previous frame is kept.
         """
         shapes = (3, 3), (3,), (3,), (3,)
         arrays = rotations, translations, velocities, spins

@@ -10,7 +10,8 @@ import numpy as np
 from pandis.engine.compiler import load
 
 _LOCKED, _REALTIME = 1, 2
-#: Final part of a tick, s, spent polling: sleeping is not accurate enough and evicts the caches.
+#: Time, s, of polling before each tick: sleeping is not accurate enough, and it evicts data from
+#: the caches.
 SPIN = 2.5e-4
 
 
@@ -60,8 +61,8 @@ def run_ticks(field, points, count, *, rate, again=True):
     rate : float
         Ticks per second.
     again : bool
-        Whether to repeat the last query while waiting for a tick: sleeping evicts the field's bytes
-        from the caches.
+        Whether to repeat the last query while waiting for a tick, because sleeping evicts the
+        field's bytes from the caches.
 
     Returns
     -------

@@ -1,4 +1,4 @@
-"""Measures how much of the surface trajectories visit, by curvature and by thickness."""
+"""Measures how much of the surface the trajectories visit, by curvature and by thickness."""
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -6,7 +6,7 @@ from scipy.spatial import cKDTree
 from pandis.base.streams import COVERAGE, generator
 from pandis.pipeline.geometry.thickness import inscribed_radius
 
-#: Number of surface points split into tenths, and of neighbours for measuring curvature.
+#: PLACES surface points are split into tenths. Curvature is measured from NEIGHBOURS neighbours.
 PLACES, NEIGHBOURS = 4000, 9
 TENTHS = 10
 #: A tenth of the surface counts as visited if it contains at least this share of the samples.
@@ -25,8 +25,8 @@ def coverage(body, paths, seed):
     Returns
     -------
     dict
-        ``curvature`` and ``thickness``: number of visited tenths of the area, if sorted by
-        `curvature` and by inscribed radius; ``share_curvature`` and ``share_thickness``: share
+        ``curvature`` and ``thickness``: number of visited tenths of the area, which is sorted by
+        `curvature` or by inscribed radius; ``share_curvature`` and ``share_thickness``: share
         of the samples in each tenth.
     """
     rng = generator(seed, COVERAGE)
@@ -47,7 +47,7 @@ def coverage(body, paths, seed):
 
 
 def curvature(tree, places, normals):
-    """Return the rate (n,) at which the normal turns around surface points, rad per unit length."""
+    """Return how fast (n,) the normal turns near each surface point, rad per unit length."""
     apart, near = tree.query(places, NEIGHBOURS + 1)
     cosine = np.einsum("nk,njk->nj", normals, normals[near[:, 1:]])
     angle, same = np.arccos(np.clip(cosine, -1, 1)), cosine > 0  # not across thin walls

@@ -1,4 +1,4 @@
-"""The force error of every field against the exact force."""
+"""Measures the error of every field's force against the exact one."""
 
 import numpy as np
 
@@ -24,7 +24,7 @@ def statistics(force: Points, exact: Points):
     dict of str to float
         mean, rms, p95, p99, max of ‖F − F_exact‖; ``eq7``: the paper's Eq. 7 as
         printed, Σ ‖·‖ / j, which weights the first samples most; and ``angle``:
-        the mean angle in degrees between the two where neither is zero.
+        the mean angle in degrees between the two forces, where neither is zero.
     """
     error = np.linalg.norm(force - exact, axis=1)
     lengths = np.linalg.norm(force, axis=1), np.linalg.norm(exact, axis=1)
@@ -44,7 +44,7 @@ def statistics(force: Points, exact: Points):
 
 
 def evaluate(fields, controls, trajectory, *, probe_sets, contacts, progress):
-    """Compare all fields on the trajectory, on the probe sets and on the contact sets.
+    """Compare all fields with the exact one on the trajectory, probe sets and contact sets.
 
     Parameters
     ----------
@@ -54,7 +54,7 @@ def evaluate(fields, controls, trajectory, *, probe_sets, contacts, progress):
     trajectory : tuple (points, distance, normal)
         Exact, unit frame.
     probe_sets : dict of str to tuple
-        By name: points, distance and normal, likewise.
+        By name: points, distance and normal, also exact, unit frame.
     contacts : pandis.pipeline.geometry.measure.ContactSet
     progress : pandis.base.progress.Progress
 
@@ -130,7 +130,7 @@ def _exact_forces(sets, contacts):
 
 
 def _path_shares(force, trajectory, contacts):
-    """Return the shares of a path (see `shares`), and its mean error: relative and in newtons."""
+    """Return the mean error on a path, relative and in newtons, and its shares (see `shares`)."""
     pressed, nowhere = contacts.pressed, np.zeros(len(force), bool)
     probes = Probes(*trajectory, nowhere, pressed.scale, pressed.engine)
     mean = float(np.linalg.norm(force - probes.force, axis=1).mean())

@@ -5,7 +5,7 @@ from pandis.pipeline.geometry.shares import MISSING_LIMIT
 #: Errors that a user may allow, in percent of the mean force on the contact set; the last allows
 #: any error.
 ERRORS = (0.0, 0.5, 1.0, 2.0, 5.0, 10.0, 20.0, float("inf"))
-#: Figures of a summary's rows to minimise, and the name for the field with the smallest value.
+#: Keys of a summary's rows, each with the word for the field that has the smallest value.
 PRICES = {"native_p50_us": "fastest", "bytes": "smallest", "jump_rms_newtons": "smoothest"}
 #: Criteria by which fields are compared: keys of a summary's rows.
 AXES = ("contact_mean", "native_p50_us", "bytes", "jump_rms_newtons")
@@ -39,7 +39,8 @@ def pareto(rows, keys):
     Returns
     -------
     list of bool
-        False if a row is not compared, or is worse than another row in a key and better in none.
+        False for a row that is not compared, or that is worse than some other row in at least one
+        key and better in none.
     """
     known = [tuple(row[key] for key in keys) if may_be_used(row) else () for row in rows]
     known = [point if point and "" not in point else None for point in known]

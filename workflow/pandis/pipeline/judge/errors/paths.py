@@ -1,4 +1,4 @@
-"""Errors over several trajectories, and a statement that corresponds to the paper's Table 4."""
+"""Measures errors over several trajectories, and states the counterpart of the paper's Table 4."""
 
 import json
 
@@ -22,7 +22,7 @@ def interval(values):
 
 
 def spread(values, form):
-    """Format results of several trainings: mean and interval, or up to two values unchanged.
+    """Format results of training runs: mean and interval, or one or two values as they are.
 
     An interval from two values would say little: it is thirteen times as wide as their difference.
     """
@@ -105,8 +105,8 @@ def over_paths(fields, paths):
 def verdict(table, models):
     """Return sentences that compare networks' errors with those of the paper's best grid.
 
-    The error of a network may change by a third with the seed. For one training, only the ratio
-    is given; for several, a verdict from a confidence interval over the trainings.
+    A network's error may vary by a third with the seed. So for one training run only the ratio is
+    given; for several, a verdict from the confidence interval over the runs.
 
     Parameters
     ----------

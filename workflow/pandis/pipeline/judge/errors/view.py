@@ -1,4 +1,4 @@
-"""Measures each field's errors on a mesh small enough for a page: the report's view."""
+"""Measures each field's errors for the report's view, on a mesh small enough for a page."""
 
 import igl
 import numpy as np

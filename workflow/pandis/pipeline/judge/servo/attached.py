@@ -28,7 +28,8 @@ NONE = "No device ran: {why}."
 #: Environment variable that must be 1 for each run with forces; an option would stay set for later
 #: runs.
 CONSENT = "PANDIS_ARM"
-#: An armed device uses this share of the stiffness that is safe for a hand of this damping (Ns/m).
+#: An armed device uses the share SHARE of the stiffness that is safe for a hand with the damping
+#: HAND (Ns/m).
 SHARE, HAND = 0.7, "0.3"
 
 
@@ -40,13 +41,13 @@ class Span(NamedTuple):
 
 
 class Safety(NamedTuple):
-    """What is known of a field on a device.
+    """What is known about a field's safety on a device.
 
     Attributes
     ----------
     pressed : pandis.pipeline.run.records.hardware.Pressed, optional
-        Presses on this field, mesh and device, with penalty forces or through a proxy (as a
-        `TouchVerdict`).
+        Results of presses with this field, mesh and device: with penalty forces, or through a
+        proxy (then a `TouchVerdict`).
     walls : pandis.pipeline.run.records.hardware.WallVerdict, optional
     sound : bool
         Whether the file reproduces its field's forces and computes them in time.
@@ -61,7 +62,7 @@ _UNKNOWN = Safety()
 
 
 def stiffness_for(stiffness, spec, safety):
-    """Return the stiffness with which a device may be armed, and any reason why it may not be.
+    """Return the stiffness at which a device may be armed, and the reason if it may not be.
 
     Parameters
     ----------

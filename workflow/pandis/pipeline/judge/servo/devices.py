@@ -1,4 +1,4 @@
-"""Haptic devices: their data sheets, and the limits that are usual in haptic programs.
+"""Data sheets of haptic devices, and the limits that haptic programs usually set.
 
 Forces, stiffnesses and workspaces are the values that CHAI3D sets for each device. Encoder steps
 and friction forces are the makers' nominal values, where published. Unpublished values are
@@ -9,9 +9,10 @@ from typing import NamedTuple
 
 from pandis.runtime.device import NEEDS_BUTTON, Limits, Simulated
 
-#: Seconds over which a force ramps up; largest increase per ms, as a share of the largest force.
+#: A force ramps up over RAMP seconds, and increases by at most IMPULSE per ms, as a share of the
+#: device's largest force.
 RAMP, IMPULSE = 0.5, 0.1
-#: Largest energy (J) that a tick may add to a hand's motion, and the hand's speed (m/s).
+#: A tick may add at most TICK_ENERGY (J) to the motion of a hand that moves at HAND_SPEED (m/s).
 TICK_ENERGY, HAND_SPEED = 4e-5, 0.2
 
 
@@ -42,7 +43,7 @@ class Specification(NamedTuple):
     rate : float
         Ticks per second.
     assumed : tuple of str
-        Names of the fields that are assumed.
+        Names of the attributes that are assumed.
     continuous : float
         Largest continuous force, N; 0 if unknown.
     most_damping : float
@@ -68,7 +69,7 @@ class Specification(NamedTuple):
     button: bool = False
 
     def simulated(self, hand, *, delay, period, wall):
-        """Return the simulated device in a hand of a stiffness (N/m) and damping (Ns/m).
+        """Return the simulated device, held by a hand of given stiffness (N/m) and damping (Ns/m).
 
         ``wall`` is the wall's stiffness, N/m.
         """
@@ -78,16 +79,17 @@ class Specification(NamedTuple):
         )  # fmt: skip
 
     def stiffest(self, period):
-        """Return the largest stiffness (N/m) that is gentle at a period (s), at most the device's.
+        """Return the largest gentle stiffness (N/m) at a tick period (s), up to the device's.
 
-        A wall that reacts a tick late adds energy of up to k (vT)^2 / 2 in that tick.
+        A wall that reacts a tick late adds an energy of up to k (vT)^2 / 2 in that tick. A gentle
+        wall adds at most `TICK_ENERGY`.
         """
         return min(self.stiffness, 2 * TICK_ENERGY / (HAND_SPEED * period) ** 2)
 
     def limits(self, period, stiffness):
         """Return the limits on the forces sent to this device.
 
-        The force ramps up over `RAMP`, and increases by `IMPULSE` at most.
+        The force ramps up over `RAMP` seconds, and increases by at most `IMPULSE` per ms.
 
         Parameters
         ----------

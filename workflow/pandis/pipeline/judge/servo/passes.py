@@ -15,8 +15,9 @@ from scipy.spatial.distance import cdist
 from pandis.runtime.device import DONE, Order, run_simulated
 from pandis.runtime.scene import NativeScene, Placed
 
-#: A proxy has passed if its depth exceeds the field's largest surface error by more than this (m).
-#: Two successive proxies are moved at least this far outside before their path is tested.
+#: A proxy has gone through a wall if its depth exceeds the field's largest surface error by more
+#: than this (m). Before the path between two successive positions of a proxy is tested, both are
+#: moved at least this far outside.
 MARGIN = 5e-5
 #: Distance (m) from the start of a press to its surface point.
 ABOVE = 3e-3
@@ -24,7 +25,8 @@ ABOVE = 3e-3
 _TIMES = 0.03, 0.35, 0.1, 0.35
 #: Seconds over which the force ramps up. The ramp ends before the surface is reached.
 _RAMP = 0.02
-#: Stiffness (N/m) and damping (Ns/m) of the hand; its force as a multiple of the device's largest.
+#: _HAND is the stiffness (N/m) and damping (Ns/m) of the hand, _HARD its force as a multiple of the
+#: device's largest.
 _HAND, _HARD = (400.0, 3.0), 1.2
 #: Number of runs whose proxies are passed to libigl in one call.
 _TOGETHER = 500
@@ -34,7 +36,7 @@ _ON_IT = 1e-7
 _DETOUR = 2.0
 #: Rounds of the search for a path around an obstacle.
 _ROUNDS = 60
-#: Number of balls that each round extends, and of new balls on the rim of each.
+#: Each round extends at most _GROWN balls, by _RIM new balls on the rim of each.
 _GROWN, _RIM = 48, 10
 #: Smallest radius of a ball, as a share of the margin.
 _LEAST = 0.02
@@ -65,8 +67,8 @@ class Judged(NamedTuple):
     deep, crossed : int
         Number of presses whose proxy was too deep, and of those whose proxy crossed triangles.
     around : int
-        Number of presses that ended with the withdrawn probe apart from its proxy although the
-        proxy crossed nothing: it slid around a part of the object, which is not a pass.
+        Number of presses whose proxy crossed nothing, but is apart from the withdrawn probe in the
+        end: it slid around a part of the object, which is not a pass.
     deepest : float
         Largest depth of a proxy below the surface, m.
     """
@@ -116,7 +118,7 @@ def draw(places, spec, stiffness, *, slant, rng, above=ABOVE):
 
 
 class Oracle:
-    """Sides, distances and crossings of a mesh, by libigl and by plain arithmetic.
+    """Finds sides (inside or outside), distances and crossings of a mesh, by libigl and arithmetic.
 
     Parameters
     ----------
@@ -182,7 +184,7 @@ def free_starts(presses, oracle, above=ABOVE):
 
 
 def run(field, spec, size, *, stiffness, presses, feel=None):
-    """Press with a simulated device; yield the session and the proxies (n, 3), m, of each press.
+    """Press with a simulated device; yield each press's session and proxy positions (n, 3), m.
 
     Parameters
     ----------
@@ -298,11 +300,11 @@ def _fault(run, distance, outward, *, margin, oracle, detours=True):
 
 
 def _through(places, distance, outward, *, margin, oracle, detours):
-    """Return whether no free path near two places (2, 3) leads from the first to the second.
+    """Return whether a proxy went through: no free path nearby connects its two places (2, 3).
 
     The proxy's path between ticks is unknown. The straight segment is tested first, with
-    its ends moved outward to at least a margin outside. Then slightly longer paths are tested,
-    through balls that are free by libigl's distances.
+    its ends moved outward until they are at least a margin outside. Then paths up to `_DETOUR`
+    times as long are tested, through balls that are free according to libigl's distances.
     """
     length = np.linalg.norm(places[1] - places[0])
     if length <= np.maximum(0.0, distance).sum():

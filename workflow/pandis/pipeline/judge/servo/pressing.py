@@ -1,4 +1,4 @@
-"""Presses a simulated, hand-held device onto a field: limits, energy, largest safe stiffness.
+"""Presses a simulated device onto a field: checks limits and energy, finds the safe stiffness.
 
 The C loop for a real device runs here on a simulated one, in simulated time. It reads positions,
 sends forces through the guard, and keeps to HDAPI's order of calls and errors. The hand presses on
@@ -121,7 +121,7 @@ class Setup(NamedTuple):
 
 
 def press(field, spec, surface, *, setup, feel=None):
-    """Press a device with a field onto a mesh, and slide along it.
+    """Press a device onto a mesh with the forces of a field, and slide along it.
 
     Parameters
     ----------
@@ -192,7 +192,7 @@ class _Rig:
         self.ticks = self.wait + round(TICKS * 1e-3 * rate)
 
     def _free(self, feet, outward):
-        """Return the lowest places (n, 3) above surface points at which the field has no force.
+        """For each surface point, return the lowest place (n, 3) above it at which no force acts.
 
         A device is armed only where no force acts, and a force grid also pushes in free space.
         """
@@ -220,7 +220,7 @@ class _Rig:
         )
 
     def presses(self, stiffness):
-        if stiffness not in self._pressed:  # cached: the ladder repeats the requested one
+        if stiffness not in self._pressed:  # cached: the ladder includes the requested stiffness
             order, device = self.order(stiffness, self.ticks), self.simulated(stiffness)
             self._pressed[stiffness] = []
             for point, normal, radius, start in self.picked:

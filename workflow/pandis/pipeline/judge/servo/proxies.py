@@ -20,8 +20,8 @@ from pandis.runtime.contact.surfaces import materials_for, texture_for, textures
 from pandis.runtime.field import NativeField
 from pandis.runtime.scene import Placed
 
-#: Smallest and largest budget of queries per tick, and the share of the deadline that they may
-#: take.
+#: LEAST and MOST bound the budget of queries per tick, which may take the share SHARE of the
+#: deadline.
 LEAST, MOST, SHARE = 8, 24, 0.5
 #: Largest angle between a press and the normal, rad.
 _SLANT = 0.3
@@ -35,7 +35,7 @@ class Surfaces(NamedTuple):
 
 
 class Truth(NamedTuple):
-    """What a field's proxy on a mesh is judged by.
+    """Reference by which a field's proxy on a mesh is judged.
 
     Attributes
     ----------
@@ -169,7 +169,7 @@ def try_proxy(field, feel, surfaces, *, path, truth, options):
     feel, surfaces
         From `feel_for`.
     path : ndarray, shape (n, 3), m
-        Path of the probe, tick by tick, from outside.
+        Path of the probe, one point per tick, starting outside.
     truth : Truth
     options : pandis.pipeline.run.ask.tasks.ValidateTask
 

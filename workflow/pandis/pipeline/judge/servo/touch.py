@@ -5,9 +5,9 @@ Usage::
     PYTHONPATH=workflow python -m pandis.pipeline.judge.servo.touch FIELD.pandis
 
 With ``--simulated``, a hand leads a simulated device through the object and back, in real time.
-Otherwise forces are sent only with ``--arm`` and PANDIS_ARM=1, and only at a stiffness that was
-found safe for this very file, according to ``hardware.json`` beside the exports: with penalty
-forces or, with ``--proxy``, through the proxy that was validated.
+Otherwise forces are sent only with ``--arm`` and PANDIS_ARM=1, and only at a stiffness that
+``hardware.json``, beside the exports, reports as safe for this exact file. They are penalty forces
+or, with ``--proxy``, those of the proxy that was validated.
 """
 
 import argparse
@@ -90,7 +90,7 @@ def known(path, model, size, *, through_proxy=False):
     validated = report.fields.get(path.stem)
     if validated is None or validated.sha256 != digest(path):
         return Known(why=f"{verdict} is for another file: run the workflow's hardware stage")
-    if not abs(report.size / size - 1) <= 1e-6:  # negated so that NaN differs, too
+    if not abs(report.size / size - 1) <= 1e-6:  # negated so that NaN counts as different
         return Known(why=f"{verdict} is for a longest side of {report.size:g} m: pass it as --size")
     if report.rate != DEVICES[model].rate:
         return Known(why=f"{verdict} is for {report.rate:g} Hz, not this device's rate")
@@ -147,7 +147,7 @@ def touch_simulated(field, model, size, *, stiffness, seconds, feel=None):
 
 
 def _feel(field, options, proxy):
-    """Return the probe with a proxy as it was validated, changed by the user's options."""
+    """Return the validated probe with a proxy, or the default one, with the user's options."""
     feel = (
         felt_again(field, proxy, options.size, folder=options.field.resolve().parent)
         if proxy

@@ -40,11 +40,11 @@ from pandis.runtime.contact.surfaces import unknown_materials
 from pandis.runtime.field import NativeField
 from pandis.runtime.servo import run_ticks
 
-#: Largest difference from the evaluated forces that passes (unit frame, k = 1).
+#: Largest permitted difference from the evaluated forces (unit frame, k = 1).
 AGREEMENT = 2e-5
 #: Largest share of its period that a tick may take, whatever the deadline.
 WITHIN = 0.8
-#: Height above the surface (unit frame) at which the probe begins, and ticks of its approach.
+#: The probe begins _OUTSIDE above the surface (unit frame), and approaches in _WAY ticks.
 _OUTSIDE, _WAY = 0.05, 50
 _LEVELS = {"p50": 50, "p99": 99, "p99.9": 99.9, "max": 100}
 
@@ -174,7 +174,7 @@ def _attached(field, surface, servo, *, devices, options, felt=None):
     model = options.attached.model
     rate = DEVICES[model].rate
     pressed = (felt.verdict.devices if felt else devices).get(model)
-    if pressed is None or options.rate != rate:  # a safe stiffness holds for one rate
+    if pressed is None or options.rate != rate:  # a safe stiffness is valid at one rate only
         chosen = options.model_copy(update={"devices": [model], "rate": rate})
         if felt:
             pressed = touch_device(model, field, felt.feel, truth=felt.truth, options=chosen)
@@ -228,7 +228,7 @@ def pushing_feet(field, walls):
 
 
 def press_devices(field, surface, walls, *, options):
-    """Press every configured simulated device onto a field's object.
+    """Press every configured simulated device onto an object with a field's forces.
 
     ``walls`` is a `pandis.pipeline.run.records.hardware.WallVerdict`.
 
@@ -261,8 +261,8 @@ def validate(field, frame, points, *, reference, walls, options):
     points : ndarray, shape (m, 3), mesh units
         The evaluation trajectory.
     reference : ndarray, shape (m, 3)
-        The evaluated force of the same file at ``points`` (unit frame, k = 1). Export has compared
-        the file with the library.
+        The evaluated force of the same file at ``points`` (unit frame, k = 1). The export stage has
+        already compared the file with the library.
     walls : pandis.pipeline.run.records.hardware.WallVerdict
     options : pandis.pipeline.run.ask.options.HardwareOptions
 
@@ -321,7 +321,7 @@ def _ticks(options):
 
 
 def _late(lateness, options):
-    """Return the share of ticks that begin later than the deadline."""
+    """Return the share of ticks that begin late by more than the deadline."""
     return float((lateness > options.deadline).mean())
 
 

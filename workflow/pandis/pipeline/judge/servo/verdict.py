@@ -8,7 +8,7 @@ from pandis.pipeline.judge.stress.coupled import CALM
 
 
 def judge(pressed, walls):
-    """Return ``pass`` or ``fail`` from presses with a device and from compared forces."""
+    """Return ``pass`` or ``fail``, given presses with a device and a comparison of forces."""
     whole = walls.holds and not walls.pressed_missing
     return "pass" if whole and _is_good(pressed) else "fail"
 
@@ -52,7 +52,7 @@ def proxy_verdict(touched):
 
 
 def proxy_sentence(touched):
-    """Return a sentence on a field through a proxy on a simulated device."""
+    """Return a sentence about a field felt through a proxy on a simulated device."""
     clauses = (
         f"no wall lets it through in {touched.presses} presses of 1.2 times the largest force "
         f"({touched.penalty_passes} with penalty forces)"
@@ -78,7 +78,7 @@ def proxy_sentence(touched):
 
 
 def device_sentence(name, pressed, walls):
-    """Return a sentence on a field on the simulated device called ``name``.
+    """Return a sentence about a field on the simulated device called ``name``.
 
     Parameters
     ----------

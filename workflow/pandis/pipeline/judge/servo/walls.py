@@ -21,10 +21,10 @@ from pandis.pipeline.judge.controls import controls, demand_failure
 from pandis.pipeline.judge.stress.ghosts import far_ghosts
 from pandis.pipeline.run.records.hardware import WallVerdict
 
-#: Numbers of surface points at which forces are compared, and on which a simulated device presses.
+#: Forces are compared at POINTS surface points. A simulated device presses on about PRESSED points.
 POINTS, PRESSED = 20_000, 10
-#: Largest allowed 99th percentile of ‖F − F_exact‖ (N): about half of the mean exact force at the
-#: greatest depth of a probe at the default stiffness.
+#: Largest allowed 99th percentile of ‖F − F_exact‖ (N). At the default stiffness, it is about half
+#: of the mean exact force at a probe's greatest depth.
 TAIL_LIMIT = 0.2
 
 
@@ -39,8 +39,8 @@ class Walls(NamedTuple):
     pressed_probes : pandis.pipeline.geometry.shares.Probes
         Probes below ``pressed``, at the depth min(0.04, 0.9 r), unit frame.
     thin : pandis.pipeline.geometry.places.Stratified
-        Likewise, for presses through a proxy. These points also lie on walls too thin for a penalty
-        force to resist a hand.
+        Likewise, for presses through a proxy. These points may also be on walls that are too thin
+        for a penalty force to resist a hand.
     """
 
     contacts: ContactSet

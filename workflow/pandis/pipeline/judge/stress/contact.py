@@ -1,4 +1,4 @@
-"""Tests for missing parts of the surface, for different forces, and for what a wall holds."""
+"""Tests for missing surface, for forces that differ, and for how much force a wall holds."""
 
 import numpy as np
 
@@ -19,12 +19,12 @@ from pandis.pipeline.geometry.shares import (
 #: two walls.
 HOLDS, BREAKS = 0.9, 0.5
 EARLY, BROKEN = 0.2, MISSING_LIMIT
-#: Number of depths at which a wall's force is tested, in a geometric sequence. It starts at the
-#: share _SHALLOWEST of the greatest depth, or at the share _OF_RADIUS of the inscribed radius if
-#: that is less.
+#: A wall's force is tested at _STEPS depths in a geometric sequence. The first is the share
+#: _SHALLOWEST of the greatest depth, or the share _OF_RADIUS of the inscribed radius if that is
+#: less.
 _STEPS, _SHALLOWEST, _OF_RADIUS = 96, 0.01, 0.25
-#: Factor on the depth at which the exact wall gives the device's largest force: other fields' walls
-#: may be softer.
+#: A push ends at this multiple of the depth at which the exact wall exerts the device's largest
+#: force: other fields' walls may be softer.
 _DEEPER = 1.25
 
 
@@ -110,9 +110,10 @@ def hold(answer, places, force, *, scale, device):
     Returns
     -------
     dict
-        ``gives_way``: share of the area where walls hold less than ``force``; ``breaks``: where
-        they hold less than half and, away from walls, at least 0.05 N less; ``of_exact``: the
-        smallest share of ``force`` that a wall holds; ``limit``, ``broken_limit``, ``passed``.
+        ``gives_way``: share of the area where less than ``force`` is held; ``breaks``: where less
+        than half of it is held and, away from thin walls, at least 0.05 N is missing;
+        ``of_exact``: the smallest share of ``force`` that is held at any point; ``limit``,
+        ``broken_limit``, ``passed``.
     """
     forces = holding(answer, places, scale, device=device)
     share = forces / np.maximum(force, 1e-12)

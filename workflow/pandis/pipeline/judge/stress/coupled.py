@@ -1,4 +1,4 @@
-"""Tests up to which stiffness the closed loop of device, hand and field stays quiet.
+"""Finds the stiffness up to which the closed loop of device, hand and field stays quiet.
 
 A virtual wall reacts to a position up to a tick old (half a tick on average), which adds energy.
 The damping of device and hand removes it while K < b / (T/2 + n·T), with n the number of ticks by
@@ -23,31 +23,34 @@ from pandis.pipeline.judge.stress.physical import TICK, Device
 LADDER = 2 ** (np.arange(-6, 11) / 2)
 #: Ticks of a run. A run is quiet if it shakes by less than QUIET (m) in its last third.
 TICKS, QUIET = 900, 1e-4
-#: Share of the presses that must stay calm: at some points the shape lets the probe slip off.
+#: Minimum share of presses that stay calm. It is below 1 because the shape lets the probe slip off
+#: at some points.
 CALM = 0.8
-#: Largest share of the area on which presses that are calm on the exact field may shake or give
-#: way.
+#: A press that is calm on the exact field may shake or give way on at most this share of the area.
 ALLOWED = 0.1
 #: A wall holds a press if its mean force in a run's last third is at least this share of the
 #: pressing force.
 HOLDS = 0.5
-#: Ticks of the moving mean from which shaking is measured: motion below 30 Hz is sliding.
+#: Length (ticks) of the moving mean that is subtracted to measure shaking: motion below 30 Hz is
+#: sliding.
 _MEAN = 33
 #: Height above the surface where a run starts, m.
 START = 2e-4
-#: Hard press, as a share of what the wall must hold: a sudden press overshoots to twice its force.
+#: Force of a hard press, as a share of what the wall must hold. A sudden press overshoots to twice
+#: its force.
 _HARD = 0.5
 #: A press of up to this multiple of the friction might not reach the wall within a run.
 _STUCK = 1.5
-#: Integration steps within a tick, for the friction.
+#: Number of integration steps per tick, to resolve the friction.
 _SUBSTEPS = 4
 
 
 class Mass:
     """A device and the hand that holds it, as one mass with Coulomb friction.
 
-    m·x″ = u − (b + b_hand)·x′ − k_hand·x, with x from the hand's rest position. Friction opposes
-    motion, and at rest balances any force up to its own. Steps are exact for constant u.
+    m·x″ = u − (b + b_hand)·x′ − k_hand·x, with x measured from the hand's rest position. Friction
+    opposes motion; at rest, it balances any force up to its own magnitude. Steps are exact for
+    constant u.
 
     Parameters
     ----------
@@ -65,7 +68,7 @@ class Mass:
         self._oscillator = [*after[0], *after[1], device.friction, device.hand_stiffness, dt]
 
     def step(self, position, speed, push, *, steps=1):
-        """Return positions and speeds (n, 3) after ``steps`` under pushes (n, 3)."""
+        """Return positions and speeds (n, 3) after a number of steps under pushes (n, 3)."""
         return mass_steps(self._oscillator, position, speed, push=push, steps=steps)
 
 
@@ -75,12 +78,12 @@ class Press(NamedTuple):
     Attributes
     ----------
     swing : ndarray, shape (n,)
-        Peak-to-peak shaking of the probe above 30 Hz in the last third, m.
+        Peak-to-peak shaking of the probe above 30 Hz in the run's last third, m.
     energy : ndarray, shape (n,)
         Energy that the wall took from the device, J; negative if the wall added energy.
     share : ndarray, shape (n,)
-        Mean force of the last third, as a share of the pressing force; infinite if friction alone
-        might stop the device before the wall.
+        Mean force in the run's last third, as a share of the pressing force; infinite if friction
+        alone might stop the device before the wall.
     """
 
     swing: np.ndarray
@@ -167,11 +170,11 @@ def shaking(path, period=TICK):
 
 
 def stable_stiffness(loop, places, force):
-    """Return the largest stiffness of the ladder up to which the share CALM of the area is calm.
+    """Return the largest stiffness of the ladder up to which at least CALM of the area is calm.
 
     The pressing force is the hand's, or half of what walls must hold at that stiffness if this is
-    less. ``force`` is for the requested stiffness. A missing wall does not shake, but holds
-    nothing, so it does not count as calm.
+    less. ``force`` is what they must hold at the requested stiffness. A missing wall does not
+    shake, but holds nothing, so it does not count as calm.
     """
     count, ladder = len(places.feet), LADDER * loop.scale.stiffness
     holds = _HARD * np.outer(LADDER, force).ravel()
@@ -207,8 +210,8 @@ def closed_loop(loop, places, force, *, calm, rests):
     force : ndarray, shape (n,)
         Force that walls must hold, N: see `pandis.pipeline.judge.stress.contact.wanted_force`.
     calm : ndarray, shape (2, n), bool
-        Result of `presses` on the exact field: where the shape itself lets a probe slip off or
-        through, no field fails.
+        Result of `presses` on the exact field. A field does not fail where the shape itself lets a
+        probe slip off or through.
     rests : float
         The exact field's largest stable stiffness.
 

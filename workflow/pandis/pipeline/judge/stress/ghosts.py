@@ -6,15 +6,15 @@ from pandis.base.forces import penalty_force
 from pandis.pipeline.geometry.sampling import PROBE_DEPTHS
 from pandis.pipeline.geometry.shares import JUDGED
 
-#: Largest share of the free space next to the surface in which a ghost pushes with 0.05 N or more.
+#: Ghosts of 0.05 N or more may fill at most this share of the free space next to the surface.
 GHOSTS = 0.005
-#: No ghost is allowed at or above the height that equals the depth at which a wall pushes with this
+#: No ghost is allowed at heights for which a wall, at an equal depth, pushes with at least this
 #: force (N).
 CLEAR = 0.2
 #: Cells along each axis of the lattice on which free space is searched: fine enough that any ball
 #: with a radius of a fortieth of the box's side contains the centre of a cell.
 _CELLS = 36
-#: Number of times that a cell is halved if the field's distance may be negative somewhere in it.
+#: A cell is halved up to this many times if the field's distance may be negative somewhere in it.
 _HALVINGS = 3
 #: Largest number of cells queried at once: those with the field's smallest distances are kept.
 _MOST = 100_000
@@ -37,8 +37,8 @@ def ghosts(answer, body, count, *, scale, rng):
     -------
     dict
         ``ghosts``: the share of the free space up to 0.04 above the surface with a force of 0.05 N
-        or more; ``far_n``: the largest force (N) at heights that equal depths at which the exact
-        wall pushes with 0.2 N or more; ``largest_n``: the largest in free space; ``limit``;
+        or more; ``far_n``: the largest force (N) at heights for which the exact wall, at an equal
+        depth, pushes with 0.2 N or more; ``largest_n``: the largest in free space; ``limit``;
         ``passed``: few ghosts near the surface, and none far from it. Reported, but not judged:
         ``hollow``, the share of points inside with no force; ``core``, the mean error of the force
         deeper than 0.04 as a share of the mean force there (None if no part is that thick).

@@ -5,15 +5,15 @@ import numpy as np
 from pandis.base.forces import penalty_force
 from pandis.pipeline.judge.stress.probes import excess
 
-#: Lengths of moves (m): 0.1 mm, which a tick at 0.1 m/s covers, and ticks at 0.5 and 1 m/s.
+#: Lengths of moves (m): the distances covered in a tick at 0.1 m/s (0.1 mm), 0.5 m/s and 1 m/s.
 WAYS = {"mm01": 1e-4, "tick05": 5e-4, "tick1": 1e-3}
 _COUNTED = "mm01"
 #: A force jumps if it changes by more than this times k · way, unless the exact one does so nearby.
 STEEP = 2.0
 #: Largest share of the moves over which the force may jump.
 ALLOWED = 0.005
-#: Largest change, in k · way, beyond that of the exact force, on all but the share RARE of the
-#: moves. RARE is small because few moves cross a seam, which is long but thin.
+#: On all but the share RARE of the moves, the force may change by at most WORST times k · way more
+#: than the exact one. RARE is small because few moves cross a seam, which is long but thin.
 WORST, RARE = 5.0, 1e-4
 #: Length, in multiples of a move, over which a change of the exact force counts as nearby: smooth
 #: fields spread jumps.
@@ -29,7 +29,8 @@ def jumps(answer, exact, shell, *, along, scale, device):
     shell : pandis.pipeline.judge.stress.probes.Shell
         Points at which moves begin.
     along : ndarray, shape (n, 3)
-        Unit vectors along the moves. All are tested over 0.1 mm, a tenth over other lengths.
+        Unit vectors along the moves. All moves are tested over 0.1 mm, a tenth of them over other
+        lengths.
     scale : pandis.base.physical.Scale
     device : pandis.pipeline.judge.stress.physical.Device
 

@@ -22,14 +22,14 @@ class Shell(NamedTuple):
 
 
 def shell_points(places, count, deepest, *, rng):
-    """Return about ``count`` points at random depths below stratified places.
+    """Return about ``count`` points at random depths below stratified surface points.
 
     Parameters
     ----------
     places : pandis.pipeline.geometry.places.Stratified
     count : int
     deepest : float
-        Largest depth, unit frame; smaller where the part is thin: see
+        Largest depth, unit frame. Where the part is thin, the depth is limited further: see
         `pandis.pipeline.geometry.places.Stratified.depth`.
     rng : numpy.random.Generator
     """
@@ -40,13 +40,13 @@ def shell_points(places, count, deepest, *, rng):
 
 
 def directions(count, rng):
-    """Return unit vectors (n, 3) in all directions."""
+    """Draw unit vectors (n, 3), uniform over all directions."""
     along = rng.normal(size=(count, 3))
     return along / np.linalg.norm(along, axis=1, keepdims=True)
 
 
 def excess(value: Values, reference: Values, floor, *, weight: Values, more=1.1):
-    """Return the share of the area where a value is above a floor, and above the exact field's.
+    """Return the share of the area where a value exceeds both a floor and the exact field's.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Tests fields through a proxy: whether it holds, rests, adds no energy and stays out of walls."""
+"""Tests whether a proxy on a field holds, comes to rest, adds no energy and stays out of walls."""
 
 from typing import NamedTuple
 
@@ -13,23 +13,24 @@ from pandis.pipeline.judge.stress.work import SPEED
 from pandis.runtime.contact import TOUCHING, Material, NativeContact
 from pandis.runtime.scene import Placed
 
-#: Friction coefficient of pressed surfaces, and share of the friction cone by which presses move
-#: aside.
+#: STICKS is the friction coefficient of pressed surfaces. Presses move sideways by SHARE of the way
+#: to the edge of the friction cone.
 STICKS, SHARE = 0.6, 0.5
-#: Depth of a press (m), however thin the wall, and height of its start (unit frame). Ticks of a
-#: press: down, aside, and at rest; the proxy may still move in the first SETTLES ticks at rest.
+#: A press starts at height ABOVE (unit frame) and ends at DEPTH (m), however thin the wall. It
+#: takes DOWN ticks down, ASIDE ticks sideways, and REST ticks at rest. The proxy may still move in
+#: the first SETTLES ticks at rest.
 DEPTH, ABOVE = 1e-3, 0.03
 DOWN, ASIDE, REST, SETTLES = 60, 20, 100, 50
-#: Least share of the exact field's force that a place must hold. A proxy at rest moves by less
-#: than RESTS (m).
+#: Each surface point must push back with at least HOLDS times the exact field's force. A proxy at
+#: rest moves by less than RESTS (m).
 HOLDS, RESTS = 0.5, 1e-5
-#: One in EVERY steps of a loop is used; LEAD ticks lead up to the first step.
+#: Loops are thinned to one step in EVERY. LEAD ticks lead up to the first step.
 EVERY, LEAD = 8, 60
-#: On the long path one tick in LOOKED is compared with the mesh. A proxy may be deeper than the
-#: field's surface error by MARGIN (m).
+#: On the long path, the proxy is compared with the mesh at one tick in LOOKED. It may be deeper
+#: than the field's surface error by up to MARGIN (m).
 LOOKED, MARGIN = 10, 5e-5
-#: Ticks from above a place into its wall, or from there to above the next place; depth in the wall
-#: and height above it (unit frame).
+#: The long path takes _STAGE ticks from above a surface point into its wall, and as many to above
+#: the next point. It goes _INTO deep and _OUT high (unit frame).
 _STAGE, _INTO, _OUT = 20, 0.05, 0.15
 
 
@@ -42,7 +43,7 @@ class Steps(NamedTuple):
     proxy : ndarray, shape (n, 3), unit frame
     state : ndarray, shape (n,)
     slide : float
-        Distance that the proxy may move in a tick beyond the probe's own (unit frame).
+        Distance by which the proxy may move farther than the probe in a tick (unit frame).
     """
 
     force: np.ndarray
@@ -91,7 +92,7 @@ def nothing(path, material=None):
 
 
 class Presses(NamedTuple):
-    """Outcome of presses through a proxy, place by place.
+    """Outcome of a press through a proxy at each surface point.
 
     Attributes
     ----------
@@ -106,7 +107,7 @@ class Presses(NamedTuple):
 
 
 def press_all(follow, places, scale):
-    """Press into places and through them, push aside within the friction cone, and wait.
+    """Press into or through the wall at each point, move within the friction cone, and wait.
 
     Parameters
     ----------
@@ -134,10 +135,10 @@ def press_all(follow, places, scale):
 
 
 def holds(follow, places, exact, *, scale):
-    """Measure the area that, through a proxy, holds a hand less than the exact field does.
+    """Measure the area on which a field, through a proxy, holds a hand less than the exact one.
 
-    Thin walls are tested too: what a proxy holds does not depend on a wall's thickness. Strips
-    along convex edges are not judged: if a field rounds the edge, a proxy slides off.
+    Thin walls are tested too: the force on a proxy does not depend on a wall's thickness. Strips
+    along convex edges are not judged, because a proxy slides off where a field rounds the edge.
 
     Parameters
     ----------
@@ -179,7 +180,7 @@ def keeps(follow, engine, paths, *, device):
     Returns
     -------
     dict
-        ``push_n``: the most work that the hand gains on any loop, per length of the loop, newtons;
+        ``push_n``: the largest work that the hand gains on a loop, divided by the loop's length, N;
         ``limit``: the device's damping force at `pandis.pipeline.judge.stress.work.SPEED`, N;
         ``passed``.
     """
@@ -198,7 +199,7 @@ def keeps(follow, engine, paths, *, device):
 
 
 def stays(follow, engine, error, *, path, scale):
-    """Follow a long smooth path into walls and out of them, and judge forces and proxies.
+    """Follow a long smooth path into and out of walls, and judge the forces and the proxy.
 
     Parameters
     ----------

@@ -9,24 +9,24 @@ from pandis.base.frame import UNIT_SIDE
 from pandis.pipeline.judge.stress.probes import excess
 from pandis.pipeline.kinds.field import OK
 
-#: Number of points of a long run that are queried at once. The first are queried again at its end.
+#: Number of points per query of a long run. The first CHUNK points are queried again at its end.
 CHUNK = 50_000
 #: Distance that the probe moves per tick of a long run (unit frame): 1 m/s on an object of 0.1 m.
 PACE = 0.018
 #: Factors on the mesh's units, and offsets in multiples of its longest side.
 SCALES, OFFSETS = (1e-6, 1e-3, 1e3, 1e6), (1e3, 1e6)
-#: Distances may change by SAME (unit frame) with units or position, and so may forces on all but
-#: the share ELSEWHERE of the area, where two walls are almost equally near.
+#: A change of units or position may change distances by up to SAME (unit frame). Forces may change
+#: by more only on the share ELSEWHERE of the area, where two walls are almost equally near.
 SAME, ELSEWHERE = 1e-7, 0.005
 #: Coordinates that are not finite, or outside of any workspace.
 _NOWHERE = (np.nan, np.inf, -np.inf, 1e300, -1e300)
-#: Rounding points to float32 may change the force by up to this times k times the largest rounding,
-#: on all but the share ELSEWHERE of the area.
+#: When points are rounded to float32, the force may change by up to this times k times the largest
+#: rounding. It may change by more only on the share ELSEWHERE of the area.
 STEEP = 5.0
 
 
 def walk(count, rng):
-    """Yield the points (up to CHUNK, 3) of a random walk in the box, tick by tick."""
+    """Yield a random walk in the box in parts: up to CHUNK points (n, 3), one per tick."""
     place = np.zeros(3)
     for start in range(0, count, CHUNK):
         steps = rng.normal(size=(min(CHUNK, count - start), 3)) * PACE / np.sqrt(3)
@@ -42,8 +42,8 @@ def endurance(answer, count, rng, *, report):
     Returns
     -------
     dict
-        ``ticks``; ``bad``: number of answers that are not finite or have a normal not of unit
-        length; ``drift``: number of repeated points whose answers differ; ``passed``.
+        ``ticks``; ``bad``: number of answers with a distance that is not finite or a normal that is
+        not of unit length; ``drift``: number of repeated points whose answers differ; ``passed``.
     """
     bad, first, done = 0, None, 0
     for points in walk(count, rng):
@@ -104,8 +104,8 @@ def precision(answer, exact, shell, *, scale):
     -------
     dict
         ``changed``: the share of the area where the force changes by more than STEEP times k times
-        the largest rounding, and by more than the exact force; ``newtons``: the largest change;
-        ``limit``, ``passed``.
+        the largest rounding, and by more than 1.1 times the change of the exact force; ``newtons``:
+        the largest change; ``limit``, ``passed``.
     """
     points = shell.points
     rounded = points.astype(np.float32).astype(np.float64)
@@ -127,8 +127,8 @@ def precision(answer, exact, shell, *, scale):
 def special_points(vertices, faces, places, *, thickness):
     """Return points (n, 3), unit frame, at which a field may fail.
 
-    These are vertices and middles of edges and faces of the mesh, points of the medial axis below
-    surface points, and the corners, the middles of edges and faces, and the centre of the box.
+    They are vertices, edge midpoints and face centroids of the mesh, points of the medial axis
+    below surface points, and the box's corners, edge midpoints, face centres and centre.
     """
     corners = vertices[faces[:: max(1, len(faces) // 1000)]]
     edges = (corners + np.roll(corners, -1, axis=1)).reshape(-1, 3) / 2
@@ -143,9 +143,9 @@ def special(field, points):
     Returns
     -------
     dict
-        ``bad``: number of answers that are not finite or have a normal not of unit length;
-        ``unflagged``: number of points that are not finite or very far away, but are not flagged
-        or get a force; ``passed``.
+        ``bad``: number of answers with a distance that is not finite or a normal that is not of
+        unit length; ``unflagged``: number of points, not finite or very far away, that are not
+        flagged or get a force; ``passed``.
     """
     bad = _bad(*field.answer(points))
     lost = [[v if k == axis else 0.1 for k in range(3)] for axis in range(3) for v in _NOWHERE]

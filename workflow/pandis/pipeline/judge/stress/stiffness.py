@@ -8,9 +8,9 @@ from pandis.pipeline.judge.stress.probes import excess
 
 #: A wall that is stiffer than this multiple of the requested stiffness feels like an edge.
 STEEP = 2.0
-#: Largest share of the area on which walls may be this stiff although the exact ones are not.
+#: Largest share of the area on which walls may exceed STEEP although the exact ones do not.
 ALLOWED = 0.01
-#: A smooth field may change in one step as much as the exact force does within this many steps.
+#: The force of a smooth field may change in one step by as much as the exact force in this many.
 NEARBY = 20
 
 
@@ -35,10 +35,11 @@ def stiffness(answer, exact, shell, *, scale, device):
     Returns
     -------
     dict
-        ``p50_n_m``, ``p99_n_m``, ``max_n_m``: largest singular value of dF/dx; ``steep``: share
-        of the area where it is above STEEP times k, and above the value that the exact force would
-        have if all of its change nearby came in one step; ``asymmetry``: mean ‖J − Jᵀ‖ / ‖J‖, zero
-        if the force is a gradient; ``limit``, ``passed``.
+        ``p50_n_m``, ``p99_n_m``, ``max_n_m``: median, 99th percentile and maximum of the largest
+        singular value of dF/dx; ``steep``: share of the area where it is above STEEP times k, and
+        above the value that the exact force would have if all of its change nearby came in one
+        step; ``asymmetry``: mean ‖J − Jᵀ‖ / ‖J‖, zero if the force is a gradient; ``limit``,
+        ``passed``.
     """
     step = device.encoder * scale.metre
     slopes = jacobians(answer, shell.points, step)

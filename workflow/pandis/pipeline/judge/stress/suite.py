@@ -49,7 +49,7 @@ class Question(NamedTuple):
     failing: str
 
     def says(self, answer):
-        """Return a clause on how a field failed, from an answer of `Suite.ask`."""
+        """Return a clause that says how a field failed, given an answer of `Suite.ask`."""
         if answer.get("left_out", 0) >= 1:
             return "all of the surface is too thin to be judged"
         return self.failing.format(**answer)
@@ -153,9 +153,9 @@ PROXY_QUESTIONS = {
         "change by more than allowed",
     ),
 }
-#: Numbers of points: contact set, stratified surface points, points below them, starts of moves
-#: (also below them), points beside the surface, surface points that are pushed into (including thin
-#: walls), and surface points that are pressed on.
+#: Numbers of points: CONTACTS in the contact set, PLACES stratified on the surface, SHELL below
+#: those, WAYS also below those, where moves start, BESIDE next to the surface, PUSHED on the
+#: surface to push into (including thin walls), and PRESSED on the surface to press on.
 CONTACTS, PLACES, SHELL, WAYS = 20_000, 2000, 4000, 40_000
 BESIDE, PUSHED, PRESSED = 20_000, 400, 80
 #: Limit on the nodes, leaves and faces that a query of the exact field may visit here. It is never
@@ -166,9 +166,9 @@ _UNCUT = 1 << 30
 class Suite:
     """The points at which all fields of a mesh are tested.
 
-    They are stratified by the inscribed radius, so that thin parts count. None is deeper than the
-    device's largest force presses, or than nine tenths of that radius: beyond that radius a
-    penalty force pushes to another face.
+    They are stratified by the inscribed radius, so that thin parts count. No point is deeper than
+    the device's largest force can press, or than nine tenths of that radius. Beyond that radius a
+    penalty force pushes towards another face.
 
     Parameters
     ----------
@@ -215,7 +215,7 @@ class Suite:
         return press_all(follow, self.pushed, self.scale)
 
     def exact(self, points):
-        """Return exact distance and normal as a loop does: no winding number checks the sign."""
+        """Return exact distance and normal as in a device loop: signs are not checked."""
         return self.engine.distance_and_normal(points, check=False)
 
     def ask(self, field, progress, first=False, *, only=tuple(QUESTIONS)):
@@ -245,13 +245,13 @@ class Suite:
         return answers
 
     def pace(self, field):
-        """Return roughly how long (s) a field takes for a few hundred points."""
+        """Return roughly the time (s) that a field takes to answer at 256 points."""
         start = time.perf_counter()
         field.answer(self.shell.points[:256])
         return time.perf_counter() - start
 
     def touch(self, field):
-        """Ask all questions about a field's proxy; return answers like `ask`, or {} without one."""
+        """Ask all questions about a field's proxy; return {} if it has none, else as `ask` does."""
         follow = Felt.of(field, self.scale)
         return self.feel(follow, surface_error(field, self.contacts)) if follow else {}
 
@@ -306,8 +306,8 @@ def stress(fields, controls, suite, *, count, progress, proxies=True):
     ----------
     fields : list of pandis.pipeline.kinds.field.Field
     controls : list of pandis.pipeline.kinds.field.Field
-        From `pandis.pipeline.judge.controls.controls`: each must fail a question, after which no
-        more are asked.
+        From `pandis.pipeline.judge.controls.controls`. Each is asked questions until it fails one,
+        which it must.
     suite : Suite
     count : int
         Number of processes that share the questions; the longest tasks start first.
@@ -318,9 +318,10 @@ def stress(fields, controls, suite, *, count, progress, proxies=True):
     Returns
     -------
     arrays, attributes : dict
-        As stored in ``stress.zarr.zip``: by field the figures of every question and the list of
-        failed ones, and the same through a proxy; fields that require a path are named under
-        ``skipped``; the points pushed into, and the force (N) that exact walls hold there.
+        As stored in ``stress.zarr.zip``. Attributes: for each field the figures of every question
+        and the list of failed ones, and the same through a proxy; ``skipped`` names the fields that
+        require a path. Arrays: the points pushed into, and the force (N) that exact walls hold
+        there.
 
     Raises
     ------
@@ -352,7 +353,7 @@ def stress(fields, controls, suite, *, count, progress, proxies=True):
 
 
 def _shared_out(fields, suite, count, *, progress, proxies):
-    """Ask in several processes; return answers by field, without and through a proxy."""
+    """Ask in several processes; return answers by field, without a proxy and through one."""
     slowest = sorted(fields, key=suite.pace, reverse=True)
     parts = [LONG, [question for question in QUESTIONS if question not in LONG]]
     tasks = [(field, part) for part in (*parts, *([PROXY_QUESTIONS] if proxies else []))

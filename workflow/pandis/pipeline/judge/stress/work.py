@@ -8,7 +8,7 @@ import numpy as np
 
 from pandis.base.forces import penalty_force
 
-#: Smallest and largest depth and radius of a loop (unit frame), and its number of steps.
+#: Ranges of a loop's depth and radius (unit frame), and its number of steps.
 DEPTHS, RADII, STEPS = (0.018, 0.045), (0.05, 0.2), 4000
 #: Speed of the hand (m/s): the device's damping resists with damping · speed newtons.
 SPEED = 0.1
@@ -61,8 +61,8 @@ def loop_work(answer, paths):
 def work(answer, exact, paths, *, scale, device):
     """Measure the work around loops.
 
-    The exact force does no work, but where it jumps, the sum over steps is not zero. A field may
-    do this much more work on the same loop.
+    The exact force does no net work, but where it jumps, the sum over steps is not zero. A field's
+    limit on the same loop is raised by that amount.
 
     Returns
     -------

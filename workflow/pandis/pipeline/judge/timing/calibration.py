@@ -31,7 +31,7 @@ class Torus(NamedTuple):
     band : tuple of float
         See `pandis.pipeline.kinds.band.Band`.
     cuts : tuple
-        Numbers of cuts of its tessellations.
+        Cuts around and across, per tessellation.
     progress : pandis.base.progress.Progress
     """
 

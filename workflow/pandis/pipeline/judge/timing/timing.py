@@ -14,8 +14,8 @@ from pandis.pipeline.run.job.machine import describe
 from pandis.pipeline.run.records.timing import TimingRecord
 from pandis.runtime.field import CACHES, NativeField
 
-#: Name of the exact field without a tree, the paper's ground truth: a query visits every face.
-#: Its counts of single queries, points per batch, and batches.
+#: BRUTE names the exact field without a tree, the paper's ground truth: a query visits every face.
+#: BRUTE_COUNTS are its numbers of single queries, points per batch, and batches.
 BRUTE, BRUTE_COUNTS = "exact-all-faces", (200, 0, 0)
 _IN_C = "C, called from Python"
 #: Number of random points in the box that are queried in C, and tries at each. The shortest time at
@@ -33,9 +33,9 @@ def time_fields(fields, files, body, *, points, options, progress):
     Parameters
     ----------
     fields : list of pandis.pipeline.kinds.field.Field
-        Fields that are timed when called from Python.
+        Fields to be called from Python.
     files : list of Path
-        ``{field}.onnx``: run by ONNX Runtime on one thread, as a user's program would;
+        ``{field}.onnx``: run by ONNX Runtime on one thread, as in a user's program;
         ``{field}.pandis``: run by ``pandis.h``, timed in C.
     body : pandis.pipeline.geometry.body.Body
     points : ndarray, shape (m, 3), unit frame
@@ -45,8 +45,8 @@ def time_fields(fields, files, body, *, points, options, progress):
     Returns
     -------
     arrays, attributes : dict
-        As stored in ``timing.zarr.zip``, by field and for `BRUTE`: seconds of every single query,
-        of every query with empty caches, and of every batch (per point).
+        As stored in ``timing.zarr.zip``, by field and for `BRUTE`: time (s) of each single query,
+        of each query with empty caches, and per point of each batch.
     """
     points = body.frame.to_mesh(points)
     counts = (options.queries, options.batch, options.repeats)
@@ -87,9 +87,9 @@ def time_native(field, points, options):
     Returns
     -------
     arrays : dict of str to ndarray
-        Seconds of every query: ``native`` in order along the path, ``anywhere`` at random points
-        of the box (the shortest of several tries at each), ``native_cold`` along the path with
-        empty caches.
+        Time of each query (s): ``native`` in order along the path, ``anywhere`` at random points of
+        the box (the shortest of several tries at each), ``native_cold`` along the path with empty
+        caches.
     figures : dict
         Median and maximum of each of the three, and percentiles of ``native``, in microseconds.
     """
@@ -118,13 +118,13 @@ def time_program(path, mesh, points, *, options, figures, log):
     mesh, points, options
         The mesh's artifact; the others as for `time_fields`.
     figures : dict
-        The figures of all fields: percentiles ``libtorch_…_us`` are added to the field's.
+        Figures of all fields. Percentiles ``libtorch_…_us`` are added to those of this field.
     log : pandis.base.progress.Log
 
     Returns
     -------
     dict
-        Seconds of every query, as stored.
+        Time of each query (s), as stored.
 
     Raises
     ------
@@ -164,9 +164,9 @@ def time_queries(answer, points, queries, *, batch, repeats):
     Returns
     -------
     single : ndarray, shape (queries,)
-        Seconds of each single query, after a warm-up.
+        Time of each single query (s), after a warm-up.
     batched : ndarray, shape (repeats,)
-        Seconds per point, of each batch.
+        Time per point of each batch (s).
     """
     single = np.empty(queries)
     clock = time.perf_counter
@@ -200,7 +200,7 @@ def time_cold(answer, points, queries):
     Returns
     -------
     ndarray, shape (queries,)
-        Seconds of each query.
+        Time of each query (s).
     """
     clock, other, single = time.perf_counter, np.zeros(CACHES, np.uint8), np.empty(queries)
     for index in range(queries):

@@ -118,7 +118,7 @@ def _mend(vertices, faces):
     count = len(vertices)
     edges = np.concatenate([faces[:, [k, (k + 1) % 3]] for k in range(3)]) if len(faces) else faces
     known = edges[:, :2] @ (count, 1)
-    # a face with two equal corners is a line from these to its third corner
+    # a face with two equal corners is a line from that point to its third corner
     ends = lines.min(axis=1), lines.max(axis=1)
     on_edge = np.isin(ends[0] * count + ends[1], known) | np.isin(ends[1] * count + ends[0], known)
     on_edge |= (ends[0] == ends[1]) & np.isin(ends[0], faces)
@@ -126,7 +126,7 @@ def _mend(vertices, faces):
 
 
 def _cleaned(faces, sheets, lines):
-    """Move faces with equal corners to lines and opposite pairs to sheets; return the others."""
+    """Append faces with equal corners to lines, opposite pairs to sheets; return the others."""
     equal = (faces == np.roll(faces, 1, axis=1)).any(axis=1)
     lines.append(faces[equal])
     faces = faces[~equal]

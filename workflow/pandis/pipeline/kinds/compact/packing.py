@@ -17,16 +17,17 @@ from pandis.pipeline.kinds.compact.sides import find_sides
 from pandis.pipeline.kinds.compact.unpacking import unpack
 from pandis.pipeline.kinds.limits import least_limit, near_surface
 
-#: Maximum number of blocks and groups of eight faces that a query visits, which takes about a tenth
-#: of a tick. The limit is raised if half of it would cut a query next to the surface.
+#: A query visits at most this many blocks and groups of eight faces, which takes about a tenth of a
+#: tick. The limit is raised if half of it would cut a query next to the surface.
 #: tests/benchmarks/compact.py counts the cut queries on scans.
 MOST = 704
-#: Points at which sides are compared with the body's: half are in the box, half near the surface.
+#: Points at which inside and outside are compared with the body: half in the box, half near the
+#: surface.
 SIDES = 1_000_000
 
 
 def build_compact(body, bits, seed, *, log):
-    """Return the arrays and the record of a body's compact mesh, after checking its sides.
+    """Return the arrays and record of a body's compact mesh, after checking inside and outside.
 
     Parameters
     ----------
@@ -98,7 +99,7 @@ def pack_body(body, bits, surface=None):
 
 
 def bound_deviation(body, arrays, record):
-    """Return the record of a compact mesh with its deviation from the body's own mesh."""
+    """Return the record with a bound on the compact mesh's deviation from the body's mesh."""
     if record.faces == record.faces_before:
         return record
     vertices, faces = unpack(arrays)
@@ -123,12 +124,12 @@ def limit_queries(arrays, record):
 
 
 def _mesh_distance(body):
-    """Return the exact distance to a body's mesh; of a closed form, to its tessellation."""
+    """Return the exact distance to a body's mesh; for a closed form, to its tessellation."""
     return MeshDistance(body.corners, body.faces) if body.shape else body.distance
 
 
 def size_of(arrays):
-    """Return the size of a packed mesh, as ``pandis.h`` uses it, in bytes."""
+    """Return the size of a packed mesh in bytes, in the form that ``pandis.h`` queries."""
     return sum(part.nbytes for part in arrays.values())
 
 
@@ -171,7 +172,7 @@ def find_originals(body, arrays, record):
 
 
 def _rounding(packed, snapped, bits):
-    """Return a bound on the excess of a distance when a wrong face is chosen (unit frame).
+    """Bound the amount by which choosing a wrong face makes a distance too large (unit frame).
 
     The bound holds in the box [-1, 1]³.
 
@@ -195,7 +196,7 @@ def _rounding(packed, snapped, bits):
 
 
 def compare_sides(body, arrays, record, *, seed):
-    """Compare the sides that a compact mesh gives with the body's at many points.
+    """Check at many points that a compact mesh and the body agree on inside and outside.
 
     Parameters
     ----------
@@ -220,7 +221,7 @@ def compare_sides(body, arrays, record, *, seed):
     differ = points[engine.inside(points) != (distance < 0)]
     if not len(differ):
         return
-    # distances are computed only there: they take much longer than sides
+    # distances take much longer than sides, so they are computed only where sides differ
     apart = np.abs(engine.distance_and_normal(differ, check=False)[0])
     wrong = apart > record.deviation + record.rounding
     if wrong.any():

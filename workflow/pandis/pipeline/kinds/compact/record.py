@@ -5,9 +5,10 @@ from pandis.pipeline.run.records.record import Record
 
 class CompactRecord(Record):
     """A compact mesh: bits per coordinate; numbers of its faces, of the original mesh's faces and
-    of its vertices; largest distance between the two surfaces, and largest excess of a distance
-    due to rounding; number of faces with reversed orientation; maximum number of face groups and
-    blocks that a query visits; largest magnitude of a coordinate, and box (unit frame).
+    of its vertices; bound on the distance between the two surfaces; bound on the amount by which
+    rounding makes a distance too large; number of faces with reversed orientation; maximum number
+    of face groups and blocks that a query visits; largest magnitude of a coordinate; lowest and
+    highest corner of the box (unit frame).
     """
 
     bits: int

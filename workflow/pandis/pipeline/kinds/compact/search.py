@@ -23,9 +23,9 @@ from pandis.pipeline.run.job.artifact import Artifact
 
 #: Bits at which rounding causes far less error than removing faces.
 ENOUGH_BITS = 14
-#: Bits tried first with fewer faces. Two are added at a time as long as the error falls.
+#: With fewer faces, this many bits are tried first. Two are added at a time while the error falls.
 _FEWEST_BITS = 12
-#: Budgets in bytes, from small to large, that are tried if the limit is an error.
+#: Budgets in bytes that are tried, in increasing order, if the target sets no limit on bytes.
 _BYTES = tuple(12_500 * 2**k for k in range(16))
 #: Maximum number of simplifications to fit a mesh into a budget in bytes.
 _ROUNDS = 6
@@ -54,10 +54,10 @@ class Packer:
 
         A budget of None is unlimited.
 
-        If all faces fit with ENOUGH_BITS, the candidate has all faces, and the most bits at which
-        sides are right: very fine lattices separate sheets that single precision does not.
-        Otherwise meshes with fewer faces are tried, too. Quadric simplification removes faces
-        where the surface is flat.
+        If all faces fit with ENOUGH_BITS, the candidate has all faces, and the most bits with which
+        inside and outside are right: very fine lattices separate sheets that single precision
+        cannot. Otherwise meshes with fewer faces are tried, too. Quadric simplification removes
+        faces where the surface is flat.
         """
         budget = inf if budget is None else budget
         most = self._most_bits(budget)
@@ -74,7 +74,7 @@ class Packer:
         return promise(candidate.force, self.points.choosing)[0]["mean"]
 
     def _climb(self, budget):
-        """Return errors and candidates with fewer faces; bits grow as long as the error falls."""
+        """Return (error, candidate) pairs with fewer faces, adding bits while the error falls."""
         tried = []
         for bits in range(_FEWEST_BITS, BITS[1] + 1, 2):
             candidate = self._fewer_faces(bits, budget)
@@ -86,7 +86,7 @@ class Packer:
         return tried
 
     def _first_sound(self, tried):
-        """Return the first candidate whose sides are right; None if there is none."""
+        """Return the first candidate that gets every side right; None if none does."""
         for error, candidate in tried:
             record = bound_deviation(self.body, candidate.arrays, candidate.field.record)
             known = f"; mean error of the force {error:.2g}" if error < inf else ""
@@ -107,7 +107,7 @@ class Packer:
         return Candidate(CompactField(f"{KIND.name}-auto", artifact), arrays, attributes)
 
     def _packed(self, bits):
-        """Return the arrays and record of the whole mesh at these bits; None if packing fails."""
+        """Return arrays and record of the whole mesh with this many bits; None if packing fails."""
         if bits not in self._whole:
             try:
                 self._whole[bits] = pack_body(self.body, bits)
@@ -129,7 +129,7 @@ class Packer:
         return self._candidate(*packed) if packed else None
 
     def _fewer_faces(self, bits, budget):
-        """Return a candidate with as many faces as fit at these bits; None if there is none."""
+        """Return a candidate with as many faces as fit with this many bits, or None."""
         packed, surface = self._packed(bits), (self.body.corners, self.body.faces)
         for rounds in range(_ROUNDS + 1):
             if packed is None:
@@ -139,7 +139,7 @@ class Packer:
                 return self._candidate(*packed)
             if rounds == _ROUNDS:
                 return None
-            # fewer faces are larger, and need more bits each
+            # with fewer faces, each is larger and needs more bits
             count = int(0.995 * len(surface[1]) * budget / size)
             try:
                 surface = call("simplify", *surface, count=count, **_LIMITS)

@@ -1,11 +1,11 @@
 """Decides how the side of a point is found on a mesh whose vertices are on a lattice.
 
 Usually the normal of the nearest face gives the side. It does not at corners and edges whose faces
-are far from coplanar: all points closest to such a place are on one side, which is found at a point
-beside it. Rounding can also fold a surface over itself, by less than a step. A face that points the
-wrong way is then on top, and would give the wrong side to every point nearest to it. So every face
-is checked from both sides, and so are sharply folded edges. Around faces that are wrong, the side
-is found by counting the crossings of a ray.
+are far from coplanar. All points nearest to such a corner or edge are on the same side, so a test
+point beside it decides for all. Rounding can also fold a surface over itself, by less than a step.
+A face that points the wrong way is then on top, and would give the wrong side to every point
+nearest to it. So every face is checked from both sides, and so are sharply folded edges. Around
+faces that are wrong, the side is found by counting the crossings of a ray.
 """
 
 import numpy as np
@@ -13,15 +13,15 @@ import numpy as np
 from pandis.engine.bvh import Bvh
 from pandis.engine.packing import BY_FACE, BY_RAY, INSIDE, OUTSIDE, Sides, find_rays
 
-#: Height above a face, in steps, of the point from which it is checked: lower than any fold.
+#: Distance from a face, in steps, of the points that check it: less than the height of any fold.
 _BESIDE = 1e-3
-#: Cosine between normals below which a face is folded back onto its neighbour. Only folds with a
-#: face lower than _LOW steps are checked: rounding does not fold higher ones.
+#: A face is folded back onto its neighbour if the cosine between their normals is below _FOLD. Only
+#: folds with a face of less than _LOW steps in height count: rounding does not fold higher ones.
 _FOLD, _LOW = -0.7, 4.0
-#: Cosine between the normals around a corner and their mean, above which faces give the side, as
-#: in packing/sides.h.
+#: Faces give the side at a corner if the cosine between each normal around it and their mean is at
+#: least this, as in packing/sides.h.
 _SMOOTH = 0.82
-#: Rings of faces around a face that points the wrong way, within which faces may cross each other.
+#: Within this many rings around a face that points the wrong way, faces may cross each other.
 _RINGS = 2
 
 
@@ -58,7 +58,7 @@ def find_sides(vertices, faces):
 
 
 def _folded(faces, normal, low):
-    """Return a mask of the faces that are folded onto a neighbour, where one of the two is low."""
+    """Return a mask of the faces that are folded onto a neighbour, if either of the two is low."""
     start, end = faces.ravel(), np.roll(faces, -1, axis=1).ravel()
     edge = np.minimum(start, end).astype(np.int64) << 32 | np.maximum(start, end)
     order = np.argsort(edge, kind="stable")
@@ -74,10 +74,10 @@ def _folded(faces, normal, low):
 def _with_edges(corners, edges, faces, *, normal):
     """Return the sides of corners, made consistent with those of their edges.
 
-    Because of rounding in single precision, a corner can be found nearest to a distant point
-    although, exactly, it is nearest to none. Unless its faces all point in nearly the same
-    direction, such a corner takes the side of its edges. The side is found by a ray where the edges
-    contradict each other or the corner, and where such a corner has no edge with a side.
+    In single precision, rounding can make a corner the nearest place to a distant point although,
+    exactly, it is nearest to no point. Unless its faces all point in nearly the same direction,
+    such a corner takes the side of its edges. The side is found by a ray where the edges contradict
+    each other or the corner, and where such a corner has no edge with a side.
     """
     touched = np.zeros((len(corners), 4), bool)
     for ends in (faces, np.roll(faces, -1, axis=1)):
@@ -90,7 +90,7 @@ def _with_edges(corners, edges, faces, *, normal):
 
 
 def _smooth(faces, normal, count):
-    """Return a mask of the corners whose faces all point nearly in their mean direction."""
+    """Return a mask of the corners at which all face normals are close to their mean."""
     owners = faces.ravel()
     around = np.repeat(normal, 3, axis=0)
     mean = np.column_stack([np.bincount(owners, around[:, k], count) for k in range(3)])
@@ -101,7 +101,7 @@ def _smooth(faces, normal, count):
 
 
 def _agreed(owners, inside, count):
-    """Return each owner's side (count,): BY_RAY if its points disagree, BY_FACE without points."""
+    """Return each owner's side (count,): BY_RAY if its points disagree, BY_FACE if it has none."""
     within = np.bincount(owners, inside, count) > 0
     without = np.bincount(owners, ~inside, count) > 0
     return np.select(

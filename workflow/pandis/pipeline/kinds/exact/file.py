@@ -60,7 +60,7 @@ class File(FieldFile):
         return regions_of(regions.of_face, regions.names) if regions else {}
 
     def left_out(self, native, points):
-        """Return a mask of the queries that are cut: only their bounds are compared."""
+        """Return a mask of the points whose queries are cut: only their bounds are compared."""
         return native.clear(points) < np.abs(native.query(points).distance)
 
     def differences(self, exported):

@@ -8,7 +8,7 @@ _TIMED = (16, 64, 128)
 
 
 def choose(chooser):
-    """Try grids of all readings together, from few bytes to many: see `pandis.pipeline.kinds`."""
+    """Try grids of every interpolation together, smallest first: see `pandis.pipeline.kinds`."""
     makers = [
         GridMaker(form, chooser.points, chooser.options.band, progress=chooser.progress)
         for form in TRIED

@@ -1,4 +1,4 @@
-"""Grids of nodes: nodes are computed where they are needed, and the rest is filled when read.
+"""Dense grids: only the needed nodes are computed, and the others are filled in when read.
 
 Nodes lie on the cube [-1, 1]³, at ``linspace(-1, 1, n)`` along each axis. If the name of the
 content ends in ``-box``, they lie on the box around the surface, as in the paper: see
@@ -14,9 +14,9 @@ Contents of a node (``content``):
 ``distance``
     the distance alone.
 
-Only nodes that a point in the band needs are computed; they are exact. The
-others are known to be inside or outside and are stored as such: ±inf as distance,
-NaN as a force below the band. Chunks that lie wholly outside are not stored.
+Only the nodes needed to interpolate in the band are computed; they are exact. Of the others only
+the side is known and stored: ±inf as distance, NaN as a force below the band. Chunks that lie
+wholly outside are not stored.
 """
 
 import numpy as np
@@ -31,10 +31,10 @@ from pandis.pipeline.kinds.record import DenseRecord
 CHANNELS = {"force": 3, "normal": 4, "distance": 1}
 #: Value of all nodes of a chunk that is not stored.
 FILL = {"force": 0.0, "normal": np.inf, "distance": np.inf}
-#: Steps per unit to which distances are rounded in grids that store nothing else: the resolution of
-#: float32 at 1. Finer digits mean nothing, and would take up a fifth of the file.
+#: Grids that store only distances round them to this many steps per unit: the resolution of float32
+#: at 1. Finer digits mean nothing, and would take up a fifth of the file.
 _LEVELS = 2.0**23
-#: Number of nodes beyond the corners of a cell that interpolation needs.
+#: Number of nodes on each side, beyond the corners of a cell, that interpolation needs.
 REACH = {"force": 0, "normal": 0, "distance": 1}
 
 
@@ -177,7 +177,7 @@ def complete(values, content, axes):
 
 
 def _nearest(nodes, source, step):
-    """Return the nearest source node (3, m) of each wanted node, and the distance to it (m,)."""
+    """For each wanted node, return the nearest source node (3, m) and the distance to it (m,)."""
     shape = step / step[0]
     _, index = distance_transform_edt(~source, sampling=shape, return_indices=True)
     nearest = index[:, nodes]
@@ -186,7 +186,7 @@ def _nearest(nodes, source, step):
 
 
 def covered_cells(exact, reach):
-    """Return a mask (n - 1,) * 3 of the cells with only exact nodes within ``reach``."""
+    """Return a mask (n - 1,) * 3 of the cells whose nodes within ``reach`` are all exact."""
     size = len(exact) - 1
     for axis in range(3):
         grown = np.ones([n - (k == axis) for k, n in enumerate(exact.shape)], bool)

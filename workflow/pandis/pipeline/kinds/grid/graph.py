@@ -34,7 +34,7 @@ def grid_graph(field):
         return graph
     value = _interpolate(graph, field, field.rule == "nearest", clamped=clamped)
     if field.content == "force":
-        # no force outside the box; the vector is the penetration vector: its length is the depth
+        # there is no force outside the box; the length of the penetration vector is the depth
         away = graph.apply("Greater", outside, graph.scalar(0.0))
         column = graph.apply("Unsqueeze", away, graph.constant("last", np.array([1], np.int64)))
         value = graph.apply("Where", column, graph.scalar(0.0), value)
@@ -49,7 +49,7 @@ def grid_graph(field):
 
 
 def _interpolate(graph, field, nearest, *, clamped):
-    """Add the nearest node or the trilinear interpolation; return the value's name."""
+    """Add a lookup of the nearest node or a trilinear interpolation; return the value's name."""
     node, position = _nodes(graph, field, clamped)
     if nearest:
         half = graph.apply("Add", position, graph.scalar(0.5, np.float64))
@@ -88,7 +88,7 @@ def _own_gradient(graph, field, clamped):
 
 
 def _nodes(graph, field, clamped):
-    """Return a function that looks up integer nodes (n, 3), and the position in node units."""
+    """Return a function that looks up nodes by index (n, 3), and positions in node units."""
     size, low = field.axes.size, np.array(field.axes.low)
     table = graph.constant("values", field.values.reshape(size**3, -1))
     strides = graph.constant("strides", np.array([size * size, size, 1], np.int64))
@@ -105,7 +105,7 @@ def _nodes(graph, field, clamped):
 
 
 def _corners(graph, size, node, *, position):
-    """Return a function that looks up a corner of the cell, and the position in the cell."""
+    """Return a function that looks up a corner of each cell, and the positions in the cells."""
     last = graph.scalar(float(size - 2), np.float64)
     base = graph.apply("Min", graph.apply("Floor", position), last)
     part = graph.apply("Cast", graph.apply("Sub", position, base), to=TensorProto.FLOAT)

@@ -13,7 +13,7 @@ from pandis.pipeline.kinds.axes import slopes, trilinear
 from pandis.pipeline.kinds.field import normalise
 from pandis.pipeline.kinds.grid.interpolation import GridField
 
-#: Bisections of the last cell of a march: they end at a millionth of a cell.
+#: Bisections of the last cell of a march: they locate the surface to a millionth of a cell.
 _HALVINGS = 20
 
 
@@ -42,7 +42,7 @@ class ImplicitField(GridField):
 
 
 class MarchedField(ImplicitField):
-    """Reading R: the distance along the normal to the surface, refined by bisection."""
+    """Reading R: the distance to the surface along the normal, refined by bisection."""
 
     refined = True
 
@@ -52,7 +52,8 @@ class MarchedField(ImplicitField):
         start, along = points[inside], normal[inside]
         way = np.zeros(len(inside))
         looking = np.ones(len(inside), bool)
-        # one cell per step, until each point is outside, or past the band with no surface ahead
+        # one cell per step, until each point is outside, or past the band without reaching the
+        # surface
         for _ in range(int(np.ceil(2 * self.band.inside / cell)) + 2):
             way[looking] += cell
             place = start[looking] + way[looking, None] * along[looking]
@@ -71,6 +72,6 @@ class MarchedField(ImplicitField):
 
 
 class CellField(MarchedField):
-    """Reading C: the distance along the normal to the surface, in whole cells."""
+    """Reading C: the distance to the surface along the normal, in whole cells."""
 
     refined = False

@@ -1,4 +1,4 @@
-"""Finds the size of a grid that meets limits."""
+"""Finds a grid size that meets the given limits."""
 
 import numpy as np
 
@@ -58,7 +58,7 @@ class GridMaker(Maker):
 
 def grid_bytes(form, size):
     """Return the bytes that ``pandis.h`` needs to query a grid."""
-    nodes = size + 2 if form == "tricubic" else size  # the cells at the border need more
+    nodes = size + 2 if form == "tricubic" else size  # border cells need one more per side
     return 4 * CHANNELS[CONTENTS[form].removesuffix(BOX)] * nodes**3
 
 
@@ -71,4 +71,5 @@ def build(job):
         See `pandis.pipeline.kinds.sizing.search`.
     """
     task = job.options
-    write_sized(job, GridMaker(task.form, points_of(job), task.band, progress=job.progress))
+    maker = GridMaker(task.form, points_of(job), task.band, progress=job.progress)
+    write_sized(job, maker, "grid")

@@ -5,10 +5,10 @@ from typing import ClassVar
 
 from pandis.pipeline.run.ask.kind import AUTO, BuildTask, FieldSpec, Kind, check_size
 
-#: Suffix of grids on the box around the surface, as in the paper.
+#: Name suffix of grids that span only the box around the surface, as in the paper.
 BOX = "-box"
-#: Content of a grid's nodes for each reading. With the suffix `BOX` the nodes are on the box around
-#: the surface instead of the cube [-1, 1]³.
+#: What a grid's nodes store for each interpolation. With the suffix `BOX`, the nodes span the box
+#: around the surface instead of the cube [-1, 1]³.
 CONTENTS = {
     "nearest": "force",
     "trilinear": "force",
@@ -21,16 +21,16 @@ CONTENTS = {
     "kim-ray": "distance",
     "kim-cell": "distance",
 }
-#: Readings kept only for comparison: no exported program evaluates them.
+#: Interpolations kept only for comparison. No exported program evaluates them.
 _COMPARED = ("kim", "kim-ray", "kim-cell")
-#: Readings that `fields: auto` tries.
+#: Interpolations that `fields: auto` tries.
 TRIED = ("nearest", "trilinear", "trilinear-normal", "trilinear-gradient", "tricubic")
 #: Minimum and maximum nodes per axis.
 _NODES = 4, 512
 
 
 class GridTask(BuildTask):
-    """Compute one grid. `band`: its depth below the surface, and height above it (unit frame)."""
+    """Compute one grid. `band` gives its extent below and above the surface (unit frame)."""
 
     content: str
     size: int
@@ -39,7 +39,7 @@ class GridTask(BuildTask):
 
 
 class Grid(Kind):
-    """Values at regular nodes: `{form}-{nodes}`, `{form}-auto`."""
+    """Grids of values at regular nodes, named `{form}-{nodes}` or `{form}-auto`."""
 
     name = "grid"
     help = ", ".join(f"`{form}-N`" for form in CONTENTS)

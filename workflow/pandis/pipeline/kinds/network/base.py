@@ -5,7 +5,7 @@ from scipy.interpolate import BSpline
 
 from pandis.engine.spline import EDGE, Lattice
 
-#: Exact distances per cell and axis to which the spline is fitted.
+#: Number of exact distances per cell, along each axis, to which the spline is fitted.
 _SAMPLES = 3
 
 
@@ -43,8 +43,8 @@ def fit_base(engine, cells):
 
     Notes
     -----
-    Samples and spline are tensor products, so that the problem can be solved one axis at a
-    time (de Boor 1979, Efficient computer manipulation of tensor products).
+    Samples and spline are tensor products, so the problem can be solved one axis at a time
+    (de Boor 1979, Efficient computer manipulation of tensor products).
     """
     axis = np.linspace(-1, 1, _SAMPLES * cells + 1)
     places = np.stack(np.meshgrid(axis, axis, axis, indexing="ij"), axis=-1)

@@ -95,15 +95,15 @@ def train(task, shown, points, *, context):
 
 
 def widths_up_to(width):
-    """Return the widths to try; the last is the given one."""
+    """Return the widths to try, ending with the given one."""
     return [w for w in WIDTHS if w < width] + [width]
 
 
 def narrowest(task, widths, shown, *, context, judge):
     """Train networks, from narrow to wide, until one is accepted.
 
-    Each is trained for the whole budget of steps. Together, all networks before the accepted one
-    cost about as much as that one.
+    Each is trained for the full budget of steps. All networks before the accepted one together
+    cost about as much as the accepted one alone.
 
     Parameters
     ----------
@@ -111,8 +111,8 @@ def narrowest(task, widths, shown, *, context, judge):
         As for `train`.
     widths : list of int
     judge : callable
-        Returns a `pandis.pipeline.geometry.points.Measured` for trainer, arrays and
-        attributes; the network is accepted if ``why`` is empty.
+        Takes trainer, arrays and attributes; returns a
+        `pandis.pipeline.geometry.points.Measured`. The network is accepted if ``why`` is empty.
 
     Returns
     -------

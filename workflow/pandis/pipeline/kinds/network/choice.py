@@ -1,4 +1,4 @@
-"""Networks for `fields: auto`, and the times of their queries."""
+"""Tries networks for `fields: auto`, and makes those whose queries are timed."""
 
 import torch
 
@@ -15,8 +15,9 @@ from pandis.pipeline.kinds.network.training.network import Siren, named_arrays
 from pandis.pipeline.kinds.sizing import Outcome
 from pandis.pipeline.run.job.artifact import Artifact
 
-#: Units per layer in the table of times, and the options that these networks share.
+#: Units per layer of the networks in the table of query times.
 _WIDTHS = (16, 64, 128, 256, 512)
+#: Options that these networks share.
 _BASE, _DEPTH, _OMEGA = 16, 4, 30.0
 
 

@@ -12,7 +12,7 @@ from pandis.runtime.field.files import Parts
 
 #: Number of lanes in which a sum is computed; rows of weights are padded to a multiple of it.
 _LANES = 16
-#: Number of steps of 16-bit weights on either side of zero.
+#: Largest magnitude of a 16-bit weight, in quantisation steps.
 _STEPS = 32767
 
 
@@ -94,7 +94,7 @@ def _pad(rows):
 
 
 def _rounded(field):
-    """Return a network whose hidden weights are those of its 16-bit file."""
+    """Return a field with its hidden weights rounded as its 16-bit file stores them."""
     rounded, inner = copy.copy(field), []
     for weight, bias in field.layers[1:-1]:
         steps, scales = _quantised(weight.T)

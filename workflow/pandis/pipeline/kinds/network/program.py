@@ -14,7 +14,7 @@ from pandis.pipeline.run.job.artifact import seal_zip
 
 
 class Spline(torch.nn.Module):
-    """A tricubic B-spline over the box: value (n,) and gradient (n, 3), float32, at points.
+    """A tricubic B-spline over the box. Returns value (n,) and gradient (n, 3), float32.
 
     Parameters
     ----------
@@ -34,7 +34,7 @@ class Spline(torch.nn.Module):
         self.register_buffer("slope", torch.from_numpy(SLOPE * self.per_step).float())
 
     def forward(self, points):
-        """Return value and gradient at points (n, 3), float64, in the box."""
+        """Return value and gradient at float64 points (n, 3) in the box."""
         position = (points.clamp(-EDGE, EDGE) - self.low) * self.per_step
         cell = position.floor()
         powers = ((position - cell).float())[:, :, None] ** self.powers
@@ -54,8 +54,8 @@ class Spline(torch.nn.Module):
 class Program(torch.nn.Module):
     """A network with inputs and outputs in mesh units, like its ONNX graph.
 
-    Takes points float64 (n, 3); returns distance (n,) and normal (n, 3) of unit length, float32.
-    It subtracts the centre and scales in float64, before the cast.
+    Takes float64 points (n, 3); returns distance (n,) and unit normal (n, 3), float32. It subtracts
+    the centre and scales in float64, before the cast to float32.
 
     Parameters
     ----------

@@ -39,9 +39,10 @@ def load_base(artifact):
 
 
 class SirenField(Field):
-    """A trained sine network: (Φ, Ψ) at a point in one pass, or Φ and its gradient.
+    """A trained sine network: it gives (Φ, Ψ) at a point in one pass, or Φ and its gradient.
 
-    With a base, a coarse spline of the distance, both include the spline's value and gradient.
+    If it has a base, a coarse spline of the distance, the spline's value is added to Φ, and its
+    gradient to the direction.
     """
 
     kind = "network"

@@ -24,7 +24,7 @@ class TrainTask(DeviceOptions, BuildTask):
 
 
 class Network(Kind):
-    """Sine networks: each recipe under `train` names one."""
+    """Sine networks, each named after its recipe under `train`."""
 
     name = "network"
     help = "or any recipe under `train`"
@@ -45,7 +45,7 @@ class Network(Kind):
         return TrainTask(kind=self.name, name=spec.name, recipe=recipe, seed=job.seed, **device)
 
     def unused(self, options):
-        """Return the other loss's module, and the GPU's if a CPU trains: see `Kind.unused`."""
+        """Return the other loss's module, and those for GPUs if a CPU trains: see `Kind.unused`."""
         recipe = options.get("recipe", {})
         losses = [m for loss, m in _LOSSES.items() if recipe.get("loss", loss) != loss]
         on_cpu = recipe.get("device", "cpu") == "cpu"

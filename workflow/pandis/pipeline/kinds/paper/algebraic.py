@@ -1,4 +1,4 @@
-"""[10] on a potential that is not a distance: x² + y² + z² - 1, only for the unit sphere."""
+"""Applies [10] to a potential that is not a distance: x² + y² + z² - 1. Unit sphere only."""
 
 import numpy as np
 
@@ -9,7 +9,7 @@ from pandis.pipeline.kinds.field import Field, clamp_to_box, normalise
 
 
 class AlgebraicField(Field):
-    """Reading V of kim: the value, interpolated on a grid, is used as the distance."""
+    """Reading V of `kim`: the value interpolated from a grid is used as the distance."""
 
     def __init__(self, name, mesh):
         if mesh.attributes.get("shape") != "sphere":
@@ -18,7 +18,7 @@ class AlgebraicField(Field):
             )
         size = int(name.rpartition("-")[2])
         frame = Frame.of(mesh)
-        # in mesh units, in which the radius is 1: the potential depends on the unit of length
+        # use mesh units, in which the radius is 1: the potential depends on the unit of length
         axis = (np.linspace(-1, 1, size) / frame.scale) ** 2
         square = (axis[:, None, None] + axis[:, None] + axis - 1.0) * frame.scale
         self.values = square.astype(np.float32)

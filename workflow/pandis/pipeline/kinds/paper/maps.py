@@ -1,8 +1,8 @@
 """Support planes with distance maps, as far as [16] (Moustakas 2015) describes them.
 
-There are 642 directions, the vertices of an icosahedron subdivided three times. Each has the plane
-that touches the shape, and a map of the depth of the surface below this plane. Here the maps are
-rasters. If the shape is not convex, they contain only its outermost surface.
+There are 642 directions, the vertices of an icosahedron subdivided three times. Each has a plane
+that touches the shape, and a map of the surface's depth below that plane. In this implementation
+the maps are rasters. If the shape is not convex, they contain only its outermost surface.
 """
 
 import numpy as np
@@ -11,9 +11,9 @@ from trimesh.creation import icosphere
 SUBDIVISIONS = 3
 #: Pixels per axis of a map.
 SIZE = 64
-#: Distance from the surface at which a ray counts as a hit, and its maximum number of steps.
+#: Distance from the surface within which a ray counts as a hit, and its maximum number of steps.
 _HIT, _STEPS = 1e-6, 96
-#: Height of a ray's start above its plane, because a tessellation touches the plane from below.
+#: Rays start at this height above their plane, because a tessellation touches it from below.
 _ABOVE = 1e-3
 
 
@@ -26,7 +26,7 @@ def plane_axes(normals):
 
 
 def build_planes(vertices, engine, progress):
-    """Return planes and maps of a shape.
+    """Return the support planes and maps of a shape.
 
     Parameters
     ----------
@@ -70,7 +70,7 @@ def build_planes(vertices, engine, progress):
 
 
 def _march(engine, origin, along, *, longest):
-    """Return the lengths (n,) of rays to the surface, by sphere tracing; at most ``longest``."""
+    """Sphere-trace rays to the surface; return their lengths (n,), at most ``longest``."""
     way = np.zeros(len(origin))
     going = np.arange(len(origin))
     for _ in range(_STEPS):

@@ -14,7 +14,7 @@ class PlanesField(Field):
 
     ``support-planes-only`` uses the nearest plane alone; ``support-planes-distance`` adds the depth
     of the surface below it; ``support-planes`` also tilts the normal by the slope of the map. The
-    method is for convex bodies; of any other body it stores only the outermost surface.
+    method is meant for convex bodies. For any other body it stores only the outermost surface.
 
     Parameters
     ----------

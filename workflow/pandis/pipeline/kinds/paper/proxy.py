@@ -2,8 +2,8 @@
 
 Salisbury & Tarr 1997 let a virtual contact point slide on the surface, and pull the device to it
 with a spring. Their abstract gives the idea: a tangent plane follows the contact, and the device
-does not pass it. The tracking steps are taken from the programs of the same group, as far as these
-are described, and inferred where the paper is silent.
+does not pass it. The tracking steps follow the same group's programs as far as these are described.
+Where the paper is silent, they are inferred.
 """
 
 import numpy as np
@@ -24,7 +24,7 @@ class ProxyField(Field):
     ----------
     name : str
     field : Field
-        Defines the surface, as its zero level, and the normals.
+        Its zero level is the surface. It also supplies the normals.
     """
 
     ordered = True
@@ -63,7 +63,7 @@ class ProxyField(Field):
         return self._project(probe - along * normal[0])
 
     def _project(self, start):
-        """Return the point on the surface that Newton's method finds from a start."""
+        """Return the point on the surface that Newton's method reaches from ``start``."""
         point = start
         for _ in range(_STEPS):
             distance, normal = self.field.answer(point[None])

@@ -5,11 +5,11 @@ from typing import ClassVar
 
 from pandis.pipeline.run.ask.kind import AUTO, FieldSpec, Kind, check_size
 
-#: [16]: planes alone; with their distance maps; with the slopes of the maps, too.
+#: [16]: planes alone, with their distance maps, and with the slopes of the maps as well.
 PLANES = ("support-planes-only", "support-planes-distance", "support-planes")
 #: [22]: a contact point tracked on the exact surface, or on another field's.
 PROXY = "salisbury"
-#: [10] on x² + y² + z² - 1, on the unit sphere.
+#: [10] applied to x² + y² + z² - 1, on the unit sphere.
 ALGEBRAIC = "kim-algebraic"
 
 

@@ -1,4 +1,4 @@
-"""Splines for `fields: auto`, and the times of their queries."""
+"""Tries splines for `fields: auto`, and makes those whose queries are timed."""
 
 from pandis.pipeline.kinds.spline.search import SplineMaker
 

@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-#: Errors below this do not increase the weight further.
+#: Error below which a point's weight does not increase further.
 _FLOOR = 1e-4
 #: Damping, relative to the mean weight. It keeps coefficients without samples unchanged.
 _DAMPING = 1e-3
@@ -28,7 +28,7 @@ class Targets(NamedTuple):
 
 
 class Level:
-    """The coefficients of one lattice that may differ from zero.
+    """The nodes of one lattice whose coefficients may differ from zero.
 
     Parameters
     ----------
@@ -78,7 +78,7 @@ def fit(levels, coefficients, targets, *, rounds, steps, report=None):
         Initial coefficients of each level.
     targets : Targets
     rounds, steps : int
-        Reweightings, and conjugate gradient steps in each.
+        Number of reweightings, and of conjugate gradient steps in each.
     report : callable, optional
         Called with the number of steps done.
 
@@ -133,5 +133,5 @@ def _product(one, other):
 
 
 def _depth(targets):
-    """Return the weights (n,) of the directions: the lengths of the forces, 0 outside."""
+    """Return the weights (n,) of direction errors: the forces' magnitudes, 0 outside."""
     return np.maximum(-targets.distance, 0.0)

@@ -1,12 +1,13 @@
 """The `spline` field: tricubic B-splines kept only where they are needed.
 
-There are three lattices. *Base*: coarse, 16-bit; it has all coefficients needed for points inside
-or in the band around the surface. *Fine*: 3.5 times as fine, 8-bit; it is added to the base in the
-blocks where the base has its largest errors, so that bytes are spent on creases, thin parts and the
-surface itself. The sum of both is twice continuously differentiable, and its gradient once, however
-deep a probe is pressed, because inside there is no boundary between the lattices. *Far*: very
-coarse, over the whole box, for the free space beyond the band. No force acts there. The distance is
-at least that of the band's edge, and one bit per block of cells stores the side.
+There are three lattices. *Base* is coarse and 16-bit. It has all coefficients needed for points
+inside or in the band around the surface. *Fine* is 3.5 times as fine and 8-bit. It is added to the
+base in the blocks where the base has its largest errors, so that bytes are spent on creases, thin
+parts and the surface itself. However deep a probe is pressed, the sum of both is twice continuously
+differentiable, and its gradient once, because there is no boundary between the lattices inside.
+*Far* is very coarse and covers the whole box, for the free space beyond the band. No force acts
+there. The distance is at least that of the band's edge, and one bit per block of cells stores the
+side.
 """
 
 import numpy as np
@@ -27,15 +28,16 @@ FAR_SIZE, FAR_LOW = 13, -1.2
 SIZES = (32, 40, 48, 56, 64, 72, 80, 96, 112, 128, 144, 160, 176, 192, 208, 224, 240, 256, 288, 320)
 #: Bytes of a fine block (8 coefficients of 8 bits), and of a brick's mask and base.
 _FINE_BLOCK, _BRICK_BYTES = 8, 12
-#: Weights of points outside the surface, where there is no force, and below the band.
+#: Weights of points outside the surface (where there is no force) and of points below the band.
 _OUTSIDE_WEIGHT, _CORE_WEIGHT = 0.2, 0.05
-#: Points deeper than the share _TURNS of the inscribed radius are weighted by _TURN_WEIGHT: no
-#: smooth function fits where the force reverses, and trying spoils the fit closer to the surface.
+#: The weights of points deeper than _TURNS times the inscribed radius are multiplied by
+#: _TURN_WEIGHT: no smooth function fits where the force reverses, and trying to fit one spoils the
+#: fit closer to the surface.
 _TURNS, _TURN_WEIGHT = 0.92, 0.05
-#: Depth greater than that of any point, so that the base is kept at any depth.
+#: Depth to which the base is kept. It is greater than the depth of any point.
 _CORE = 2.0
-#: Additional sample points below the band, as a share of the others, and their maximum depth (unit
-#: frame): the depth that a usual device reaches with its largest force.
+#: Number of additional sample points below the band, relative to the others, and their maximum
+#: depth (unit frame), which a typical device reaches with its largest force.
 _CORE_SHARE, _CORE_DEPTH = 0.125, 0.3
 #: Minimum samples per fine coefficient. Each sample provides a distance and a direction.
 _SAMPLES = 2
@@ -62,9 +64,9 @@ class SplineFit:
         self.targets = self._draw(count)
 
     def _draw(self, count):
-        """Draw targets, five eighths of them near the surface, to a depth of about a hundredth.
+        """Draw targets. Five eighths lie near the surface, at most about 0.01 deep (unit frame).
 
-        Additional targets are below the band, where only the base has coefficients.
+        Additional targets lie below the band, where only the base has coefficients.
         """
         rng = generator(self.seed, SPLINE)
         shallow, inside = count * 5 // 8, self.band.inside
@@ -180,7 +182,7 @@ class SplineFit:
         return stored, record.attributes()
 
     def _base_blocks(self, size):
-        """Return masks (b, b, b) of blocks that the band needs, and of blocks of cells outside."""
+        """Return masks (b, b, b) of blocks that the band needs, and blocks with cells outside."""
         lattice = box_lattice(size)
         everything = self.band._replace(inside=_CORE)
         step = -2 * lattice.low / (lattice.size - 1)
@@ -190,7 +192,7 @@ class SplineFit:
         padded[:last, :last, :last] = signs
         split = padded.reshape(count, BLOCK, count, BLOCK, count, BLOCK)
         positive, negative = ((split == s).any(axis=(1, 3, 5)) for s in (1, -1))
-        # one bit cannot store two signs, so the cells of such a block count as cells of the band
+        # one bit cannot store two signs, so cells of blocks with both count as cells of the band
         both = np.argwhere(positive & negative)
         if len(both):
             corner = np.stack(np.unravel_index(np.arange(8), (2, 2, 2)), axis=1)
@@ -226,7 +228,7 @@ class SplineFit:
             room = int(FINE_SHARE * np.count_nonzero(self._count_blocks(size, None)))
         else:
             room, free = 0, budget - _fixed_bytes(size, base_blocks)
-            # a block costs its coefficients, and its brick if it is the first in the brick
+            # each block costs its coefficients, and the first one in a brick also costs the brick
             brick = np.stack(np.unravel_index(order, score.shape), axis=1) // 4
             flat = np.ravel_multi_index(tuple(brick.T), (len(score) // 4,) * 3)
             new = np.zeros(len(flat), bool)
@@ -268,15 +270,15 @@ def samples_for(size=None, budget=None):
 
 
 def base_size(size):
-    """Return the nodes per axis of the base lattice for those of the fine lattice."""
+    """Return the base lattice's nodes per axis, given those of the fine lattice."""
     return max(12, round(size * BASE_SHARE))
 
 
 def quantise(values, kind):
     """Round values to integers of ``kind``; return them and [offset, scale].
 
-    8-bit: symmetric about zero, with the largest thousandth of the values clipped. 16-bit: the
-    whole range.
+    8-bit integers are symmetric about zero, and the largest thousandth of the values is clipped.
+    16-bit integers cover the whole range.
     """
     top = np.iinfo(kind).max
     if kind is np.int8:

@@ -10,9 +10,9 @@ from pandis.pipeline.kinds.record import SplineRecord
 from pandis.pipeline.kinds.spline.lattices import box_lattice
 
 _LEVELS = ("base", "fine", "far")
-#: Maximum distance, in steps of the base lattice, by which a point is lifted where the spline has
-#: smoothed a crease; and how far below 1 the squared length of the gradient must be before a point
-#: is lifted.
+#: Where the spline has smoothed a crease, points are lifted towards the surface. _LIFT is the
+#: maximum lift, in steps of the base lattice. A point is lifted only if the squared length of its
+#: gradient is more than _SHORT below 1.
 _LIFT, _SHORT = 0.7, 0.02
 
 
@@ -53,9 +53,9 @@ class SplineField(Field):
         return self.query(points)[:2]
 
     def query(self, points):
-        """Return the answer with flags (unit frame); outside the band only the side is exact.
+        """Return the answer with flags (unit frame). Outside the band, only the side is exact.
 
-        The distance there is an estimate whose magnitude is at least the band's depth on that side.
+        The distance there is an estimate. Its magnitude is at least the band's extent on that side.
         """
         clamped, outside = clamp_to_box(points)
         clamped = np.clip(clamped, -EDGE, EDGE)
@@ -82,11 +82,12 @@ class SplineField(Field):
         return Answer(value, normalise(gradient), flag)
 
     def _sharpen(self, points, value, gradient, *, near):
-        """Undo, in place, some of the rounding of creases at points (n, 3) in the mask ``near``.
+        """Reduce, in place, the rounding of creases at points (n, 3) selected by the mask ``near``.
 
         Where two walls are about equally near, a spline rounds the crease between them, and its
-        gradient is shorter than 1. The exact distance is linear along the path to the nearest wall,
-        so the field is evaluated closer to the wall, where less is rounded, and extrapolated back.
+        gradient is shorter than 1. The exact distance is linear along the path to the nearest wall.
+        The field is therefore evaluated closer to the wall, where the spline rounds less, and
+        extrapolated back.
         """
         missing = (1 - np.einsum("nk,nk->n", gradient, gradient) - _SHORT) / (1 - _SHORT)
         some = np.flatnonzero(near & (missing > 0) & (value < 0))

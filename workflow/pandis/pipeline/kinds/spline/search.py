@@ -1,4 +1,4 @@
-"""Fits a spline of a given number of bytes, or the smallest one that meets an error limit."""
+"""Fits the spline for a given number of bytes, or the smallest that meets the error limits."""
 
 from functools import cached_property
 
@@ -9,7 +9,7 @@ from pandis.pipeline.run.job.artifact import Artifact
 
 
 class SplineMaker(Maker):
-    """Makes splines of one mesh; a size is a number of bytes.
+    """Makes splines of one mesh. Its sizes are numbers of bytes.
 
     Parameters
     ----------
@@ -18,7 +18,7 @@ class SplineMaker(Maker):
         See `pandis.pipeline.kinds.band.Band`.
     progress : pandis.base.progress.Progress
     most : int
-        Bytes of the largest spline that may be requested.
+        Size of the largest spline that may be requested, in bytes.
     """
 
     form = "spline"
@@ -30,7 +30,7 @@ class SplineMaker(Maker):
 
     @cached_property
     def _fit(self):
-        # a search over sizes draws samples once, for the largest size
+        # samples are drawn once per search, enough for the largest size
         points, samples = self.points, samples_for(budget=self.most)
         return SplineFit(points.body, self.band, points.seed, count=samples)
 
@@ -66,4 +66,5 @@ def build(job):
         See `pandis.pipeline.kinds.sizing.search`.
     """
     most = job.options.target.bytes or SplineMaker.sizes[-1]
-    write_sized(job, SplineMaker(points_of(job), job.options.band, job.progress, most=most))
+    maker = SplineMaker(points_of(job), job.options.band, job.progress, most=most)
+    write_sized(job, maker, "grid")

@@ -5,7 +5,7 @@ from typing import ClassVar
 
 from pandis.pipeline.run.ask.kind import AUTO, BuildTask, FieldSpec, Kind, check_size
 
-#: Minimum and maximum nodes per axis.
+#: Minimum and maximum number of nodes per axis.
 _NODES = 32, 320
 
 

@@ -24,7 +24,7 @@ READERS = {
     "gltf": gltf.read,
     "3mf": threemf.read,
 }
-#: Descriptions, for messages, of contents that are not meshes.
+#: What messages call contents that are not meshes.
 _OTHERS = {
     "html": "a web page", "xml": "an XML file",
     "pointer": "a Git LFS pointer (fetch the file itself: git lfs pull)",

@@ -7,10 +7,11 @@ import numpy as np
 
 #: Material name of faces without a material.
 UNNAMED = "none"
-#: A decimal number in the C locale (no nan, inf or hexadecimal numbers); a whole number.
+#: NUMBER: a decimal number in the C locale (no nan, inf or hexadecimal). INTEGER: a whole number.
 NUMBER = re.compile(r"[+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]+)?")
 INTEGER = re.compile(r"[+-]?[0-9]{1,18}")
-#: Maximum number of placed triangles: nesting multiplies parts, so a short file could fill a disk.
+#: Maximum number of triangles once all parts are placed. Nesting multiplies parts, so a short file
+#: could fill a disk.
 MOST = 50_000_000
 #: Advice at the end of messages about damaged files.
 AGAIN = "export it again"
@@ -43,7 +44,7 @@ class Reading(NamedTuple):
 
 
 def number(token, where):
-    """Parse a number, or raise `FormatError`; ``where`` begins the message."""
+    """Parse a number, or raise a `FormatError` whose message begins with ``where``."""
     if not NUMBER.fullmatch(token):
         raise FormatError(
             f"{where}: '{token[:40]}' is not a number (numbers are written like -1.25 or 3e-4)"
@@ -72,7 +73,7 @@ def numbers(rows, where):
         Takes a row's index; returns the row's place in the file, for messages.
     """
     try:
-        # any other token that float() accepts (nan, inf, 1_0) contains other characters
+        # float() also accepts tokens like nan, inf and 1_0, which contain other characters
         if not re.search(r"[^0-9eE.+\- ]", " ".join([" ".join(row) for row in rows])):
             values = np.array([[float(token) for token in row] for row in rows])
             if np.isfinite(values).all():
@@ -157,7 +158,7 @@ def joined(parts, notes=(), unit="unknown"):
 
 
 def _names(material):
-    """Return a material name, or a list of one name per face, as an array; `UNNAMED` if missing."""
+    """Return one material name, or one per face, as an array; missing names become `UNNAMED`."""
     if material is None or isinstance(material, str):
         return np.array(material or UNNAMED)
     return np.array([name or UNNAMED for name in material])

@@ -22,7 +22,8 @@ _TYPES = {5120: "<i1", 5121: "<u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", 5126:
 _UNSIGNED = (5121, 5123, 5125)
 _WIDTHS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4}
 _TRIANGLES, _STRIP, _FAN = 4, 5, 6
-#: Largest deviation of a quaternion's length from 1: allows for quaternions stored as bytes.
+#: Limit on the deviation of a quaternion's length from 1, wide enough for quaternions stored as
+#: bytes.
 _COARSE = 0.05
 
 
@@ -114,7 +115,7 @@ class _Scene:
         )
 
     def notes(self):
-        """Return the notes on omitted contents, without repetitions."""
+        """Return the notes on omitted contents, without duplicates."""
         return list(dict.fromkeys(self._notes))
 
     def item(self, kind, index):

@@ -93,7 +93,7 @@ _SILENT = frozenset(
 
 
 def _is_place(words):
-    """Return whether all words are numbers, and there are at least three."""
+    """Return whether there are at least three words, all of them numbers."""
     return len(words) > 2 and all(NUMBER.fullmatch(word) for word in words)
 
 

@@ -22,12 +22,12 @@ _TYPES = {
     "int32": "i4", "uint32": "u4", "float32": "f4", "float64": "f8",
 }  # fmt: skip
 _ORDERS = {"ascii": "", "binary_little_endian": "<", "binary_big_endian": ">"}
-#: Possible names of the list property with a face's corners.
+#: Possible names of the list property that contains a face's corners.
 _CORNERS = ("vertex_indices", "vertex_index")
 
 
 class Element(NamedTuple):
-    """An element: name, number of rows, and properties (name, type, list length's type or None)."""
+    """An element: name, number of rows, and properties (see `_property`)."""
 
     name: str
     count: int
@@ -113,7 +113,7 @@ def _header(data):
 
 
 def _property(row, where):
-    """Return a property's name, its type, and the type of its list length (None: no list)."""
+    """Return a property's name, its type, and its list length's type, or None if not a list."""
     least = 2 if row[1:2] == ["list"] else 1
     kinds, name = row[least : 2 * least], row[-1]
     if len(row) != 2 * least + 1 or any(kind not in _TYPES for kind in kinds):
@@ -172,7 +172,7 @@ class _Text:
         self.place = 0
 
     def take(self, element):
-        """Return the columns of an element: arrays, and lists of lists of int."""
+        """Return an element's columns by name, with one value or one list per row."""
         rows = self.lines[self.place : self.place + element.count]
         if len(rows) < element.count:
             raise FormatError(
@@ -240,7 +240,7 @@ class _Binary:
         self.data, self.place, self.order = data, start, order
 
     def take(self, element):
-        """Return the columns of an element: arrays, and lists of lists of int."""
+        """Return an element's columns by name, with one value or one list per row."""
         lists = [name for name, _, size in element.properties if size]
         if not element.count or not element.properties:
             return {name: [] if name in lists else np.empty(0) for name, *_ in element.properties}
@@ -250,7 +250,7 @@ class _Binary:
         return columns
 
     def _uniform(self, element):
-        """Return the columns if the lists of all rows have the same lengths, else None."""
+        """Return the columns if each list has the same length in all rows, else None."""
         sizes, place = {}, self.place
         for name, kind, size in element.properties:
             if size:
@@ -316,7 +316,7 @@ class _Binary:
         )
 
     def finish(self, notes):
-        """Raise if data is left; only add a note if it is blank."""
+        """Raise if data is left over; if it is blank, only add a note."""
         left = len(self.data) - self.place
         if left and self.data[self.place :].strip(b"\0\r\n "):
             raise FormatError(

@@ -6,7 +6,7 @@ import numpy as np
 
 from pandis.pipeline.mesh.formats.base import AGAIN, FormatError, Reading, number, numbers
 
-#: Bytes of a binary file's header, and of each triangle.
+#: Sizes of a binary file's header and of each triangle, in bytes.
 _HEAD, _EACH = 84, 50
 _RECORD = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
 #: The words of a facet; each "." represents a number.
@@ -28,7 +28,7 @@ def read(path, folder=None):
     Returns
     -------
     pandis.pipeline.mesh.formats.base.Reading
-        Three vertices for each face.
+        Each face has its own three vertices.
 
     Raises
     ------
@@ -107,7 +107,7 @@ def _line_of(body, index):
 
 
 def _first_fault(body):
-    """Describe the first fault of a text that is not a sequence of facets."""
+    """Describe the first fault in a text that is not a sequence of facets."""
     place, line = 0, 1
     for line, content in enumerate(body.split("\n"), 1):
         for word in content.split():

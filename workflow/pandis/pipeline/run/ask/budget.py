@@ -9,12 +9,12 @@ from typing import NamedTuple
 
 #: Pattern of an amount of force: in mN or N on the configured device, or in % of the mean force.
 AMOUNT = r"\d+(\.\d*)?([eE][+-]?\d+)? *(mN|N|%)"
-#: Default limit of the tail (99th percentile), as a multiple of the limit of the mean.
+#: Default limit on the tail (99th percentile), as a multiple of the limit on the mean.
 TAIL = 10.0
 
 
 def amount(value):
-    """Return the number and unit of an amount: ``mN``, ``N``, ``%``, or empty for the unit frame.
+    """Return the number and unit of an amount: ``mN``, ``N``, ``%`` or, in the unit frame, empty.
 
     Raises
     ------
@@ -95,7 +95,7 @@ def describe_force(force, newtons, mean_force):
 
 
 def describe_figures(figures, newtons, mean_force):
-    """Describe a field's errors: mean, tail, and surface without force or too thin to judge."""
+    """Describe a field's errors: mean, tail, and surface that lacks force or cannot be judged."""
     lacks = (
         f"lacks the force on {100 * figures['missing']:.3g} % of the surface "
         f"({100 * figures['left_out']:.3g} % of it is too thin to be judged)"

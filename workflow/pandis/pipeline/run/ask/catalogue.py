@@ -1,4 +1,4 @@
-"""The catalogue of fields: their names, and the order of tables."""
+"""The catalogue of fields: their names, and their order in tables."""
 
 import re
 
@@ -12,10 +12,11 @@ RESERVED_NAMES = ("logs", "benchmarks", "scenes", "native")
 FORMS = (*(form for kind in KINDS.values() for form in kind.forms), AUTO)
 #: Kind of each form.
 KIND_OF = {form: kind for kind in KINDS.values() for form in kind.forms}
-#: Forms for which `bake.auto` may set a target, and the default targets.
+#: Forms for which `bake.auto` may set a target.
 SIZED = tuple(form for kind in KINDS.values() for form in kind.sized)
+#: Default target of each form that has one.
 TARGETS = {form: target for kind in KINDS.values() for form, target in kind.targets.items()}
-#: Field names that an error message lists as known.
+#: Field names that the message about an unknown field lists.
 EXAMPLES = (
     *(example for kind in KINDS.values() for example in kind.examples),
     *(f"{form}-{AUTO}" for form in TARGETS),
@@ -30,7 +31,7 @@ def is_builtin_field(name):
     try:
         parse_field(name, ())
     except UnknownFieldError as error:
-        return error.name != name  # true if `name` is tracked on an unknown field
+        return error.name != name  # true if `name` is a point tracked on an unknown field
     except ValueError:
         return True
     return True
@@ -61,7 +62,7 @@ def in_order(names, recipes):
 
 
 class _AllNames:
-    """A container of every name."""
+    """A container that has every name."""
 
     def __contains__(self, name):
         return True

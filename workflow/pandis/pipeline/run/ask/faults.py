@@ -1,4 +1,4 @@
-"""Collects all faults of a configuration, each with its dotted path and what to do."""
+"""Collects all faults of a configuration, each with its dotted path and how to correct it."""
 
 import difflib
 import re
@@ -20,7 +20,7 @@ from pandis.pipeline.run.ask.recipes import ExactRecipe, PaperRecipe
 
 
 def stage_faults(model, values):
-    """Return the faults of stages' options, including field names, as messages by dotted path."""
+    """Return all faults of stages' options and of field names, as messages by dotted path."""
     faults = faults_of(model, values)
     for key, message in name_faults(values):
         faults.setdefault(key, message)
@@ -92,7 +92,7 @@ def name_faults(values):
 
 
 def near_field(name, recipes):
-    """Return the field name that is most similar to an unknown one, or None."""
+    """Return the known field name most similar to an unknown one; None if none is similar."""
     form, dash, size = name.rpartition("-")
     if dash and (size.isdigit() or size == AUTO):
         near = difflib.get_close_matches(form, SIZED, n=1, cutoff=0.7)

@@ -19,7 +19,7 @@ class FieldSpec(NamedTuple):
     kind : str
         A key of `pandis.pipeline.run.ask.kinds.KINDS`; AUTO if only the artifact states the kind.
     form : str
-        Variety within its kind, as named in the tables of times, targets and colours.
+        Variant within its kind, as named in the tables of times, targets and colours.
     artifact : str
         Stem of the artifact that contains it: ``results/{mesh}/{artifact}.zarr.zip``.
     size : int, "auto" or None
@@ -51,13 +51,13 @@ class FieldSpec(NamedTuple):
 
 
 class BuildTask(Options):
-    """Build the data of fields of a kind."""
+    """Build the data of fields of one kind."""
 
     kind: str
 
 
 class SearchTask(BuildTask):
-    """Search for a field's size and build the field; ``band`` is that of grids (unit frame)."""
+    """Find a field's size and build the field; ``band``: depth and height of grids (unit frame)."""
 
     form: str
     target: GridTarget
@@ -78,22 +78,22 @@ class Kind:
     forms : tuple of str
         Forms of its fields, in the order in which tables list them.
     examples : tuple of str
-        Field names that an error message lists as known.
+        Field names that the message about an unknown field lists.
     sized : tuple of str
         Forms for which `bake.auto` may set a target.
     targets : dict of str to dict
-        Default targets of these forms.
+        Default targets, by form.
     chosen : bool
-        Whether `fields: auto` tries it; the list of kinds goes from cheap to expensive.
+        Whether `fields: auto` tries it. Kinds are tried in the order of `KINDS`, cheapest first.
     regions : bool
-        Whether its files contain the material of each place on the surface.
+        Whether its files state the material at each point of the surface.
     colours : dict of str to str
         Colours in figures, by form.
     growth : float
         Beyond the largest size in the table of times, a query's time is assumed to grow at least
-        as its work raised to this power.
+        in proportion to its work raised to this power.
     task, search : type
-        Models of the options for building it with a given size, and with a size to be found.
+        Models of the options for building it: with a given size, and with a size to search for.
     """
 
     name = help = ""
@@ -142,7 +142,7 @@ class Kind:
         )  # fmt: skip
 
     def sized_options(self, job, spec):
-        """Return the options for building an artifact of a given size; by default only its kind."""
+        """Return the options for building an artifact of a given size; by default, only `kind`."""
         return self.task(kind=self.name)
 
     def unused(self, options):
@@ -150,7 +150,7 @@ class Kind:
         return []
 
     def work(self, size):
-        """Return the work that determines a query's time, given a size as in the table of times."""
+        """Return the work that determines a query's time. Sizes are as in the table of times."""
         return size
 
     def stream(self, spec):
@@ -159,7 +159,7 @@ class Kind:
 
 
 def check_size(name, size, limits, *, unit):
-    """Return the size in a field's name as a number, or raise a ValueError with its limits."""
+    """Return the size in a field's name as a number. Raise a ValueError if it is out of range."""
     smallest, largest = limits
     if not smallest <= int(size) <= largest:
         raise ValueError(f"{name}: it must have {smallest} to {largest} {unit}")

@@ -1,6 +1,6 @@
 """The kinds of fields: the only list of the folders of `pandis.pipeline.kinds`.
 
-Kinds are loaded by name, because planning needs only the names and options of each, and a stage
+Kinds are loaded by name: planning needs only the names and options of each kind, and a stage needs
 only the modules that it runs. `kind_module(kind, "file")` is the module ``file`` in a kind's
 folder; `pandis.pipeline.run.job.provenance` treats such calls like imports.
 """
@@ -20,6 +20,6 @@ KINDS = {name: kind_module(name, "spec").KIND for name in _NAMES}
 
 
 def build_task(kind, **options):
-    """Return the options for building a field: the kind's `search` with a target, else `task`."""
+    """Return the options for building a field: `search` if a target is given, otherwise `task`."""
     model = KINDS[kind].search if "target" in options else KINDS[kind].task
     return model(kind=kind, **options)

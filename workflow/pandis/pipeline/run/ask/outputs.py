@@ -1,4 +1,4 @@
-"""Outputs of each stage for a mesh: paths below the mesh's folder, and wildcards of its rule."""
+"""Outputs of each stage for a mesh: paths in the mesh's folder, each with its rule's wildcards."""
 
 from pandis.pipeline.run.ask.catalogue import AUTO, parse_field
 from pandis.pipeline.run.ask.sourcing import url_extension
@@ -24,7 +24,7 @@ def one_file(name):
 
 
 def source(entry):
-    """Return the file that a mesh is downloaded to."""
+    """Return the file to which a mesh from a URL is downloaded."""
     extension = url_extension(entry.source)
     return [(f"source.{extension}", {"extension": extension})] if extension else []
 
@@ -74,7 +74,7 @@ def native(entry):
 
 
 def distance_fields(entry):
-    """Return the fields of a mesh that have a file and may have distances, including `auto`."""
+    """Return a mesh's fields that have a file and may have distances outside; `auto` counts."""
     return [spec for spec in field_specs(entry) if spec.native and spec.distances]
 
 

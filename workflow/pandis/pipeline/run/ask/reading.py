@@ -88,7 +88,7 @@ def results_folder(raw):
 
 
 def last_target(raw):
-    """Return the named target that a configuration ends with; None if it makes everything.
+    """Return the named target at which a configuration's run ends; None if it makes everything.
 
     Raises
     ------
@@ -112,8 +112,8 @@ def load_config(raw, refused=None):
         The parsed YAML.
     refused : dict, optional
         Receives the faults of meshes whose own options are wrong, by name; the other meshes are
-        returned. If it is omitted, no mesh is left or a shared option is wrong, the faults are
-        raised.
+        returned. The faults are raised instead if it is omitted, no mesh is left, or a shared
+        option is wrong.
 
     Returns
     -------

@@ -1,7 +1,7 @@
 """Options of the sine networks' recipes.
 
-A recipe is a loss with its training: `PaperRecipe` trains with the paper's seven terms,
-`ExactRecipe` on exact distances and directions.
+A recipe combines a loss with its training options: `PaperRecipe` trains with the paper's seven
+terms, `ExactRecipe` on exact distances and directions.
 """
 
 from typing import Annotated, Literal
@@ -166,7 +166,7 @@ DEFAULT_STEPS = {"paper": 3000, "exact": 1500}
 
 
 def budgeted(recipe):
-    """Return a recipe that has a budget: by default, a number of steps."""
+    """Return a recipe, with the default number of steps if it has no budget."""
     if recipe.steps is None and recipe.seconds is None:
         return recipe.model_copy(update={"steps": DEFAULT_STEPS[recipe.loss]})
     return recipe

@@ -91,7 +91,7 @@ def source_path(source):
 
 
 def source_fault(source):
-    """Return a sentence on what is wrong with a source, found without reading its contents.
+    """Return a sentence that says what is wrong with a source, without reading its contents.
 
     Returns
     -------
@@ -165,7 +165,7 @@ def _named(path):
 def _of_obj(data):
     lines = re.findall(rb"^[ \t]*mtllib[ \t]+([^\r\n]+)", data, re.M)
     names = [line.decode("utf-8", "replace").strip() for line in lines]
-    # one name with spaces, or several names: return both readings
+    # a line is one name with spaces, or several names: return both readings
     return [*names, *(word for line in names for word in line.split())]
 
 
@@ -188,7 +188,7 @@ def _of_gltf(data):
 
 
 def source_digest(files, digest=file_digest):
-    """Return the SHA-256 of a source set: of the only file, or of the names and digests of several.
+    """Return the SHA-256 of a source: of its only file, or of the names and digests of several.
 
     Parameters
     ----------
@@ -204,12 +204,12 @@ def source_digest(files, digest=file_digest):
 
 
 class SourceDigests:
-    """Digests of sources, cached by path, size, times and inode: only changed files are read again.
+    """Digests of sources, cached by path, size, times and inode, so only changed files are reread.
 
     Parameters
     ----------
     memory : Path, optional
-        File of the digests; in the user's cache by default. A lost file is rebuilt.
+        File that stores the digests, by default in the user's cache. It is rebuilt if lost.
     """
 
     def __init__(self, memory=None):

@@ -122,7 +122,7 @@ class EvaluateTask(EvaluationOptions, DeviceOptions):
 
 
 class StressTask(StressOptions, DeviceOptions):
-    """Test the fields with a device and a hand and, with ``proxies``, through a proxy."""
+    """Test the fields with a simulated device and hand; with ``proxies``, also through a proxy."""
 
     fields: list[str]
     proxies: bool
@@ -136,7 +136,7 @@ class TimingTask(TimingOptions):
 
 
 class HandOptions(Options):
-    """The hand that holds a simulated device: N/m, Ns/m, N, and the delay of a force in ticks."""
+    """The hand that holds a simulated device (N/m, Ns/m, N), and the force's delay in ticks."""
 
     stiffness: float
     damping: float
@@ -180,7 +180,7 @@ class SceneTask(Options):
 
 
 class SummaryTask(Options):
-    """Collect the rows, or the page, of all meshes; ``fields`` lists the fields of each mesh."""
+    """Collect the rows or make the page of all meshes; ``fields`` lists the fields of each mesh."""
 
     fields: dict[str, list[str]]
 

@@ -40,7 +40,7 @@ def _place(plan):
 
 
 def partial_note(plan):
-    """Return the path of the list of meshes missing from the report; it exists only if any is."""
+    """Return the path of the list of meshes missing from the report; absent if none is missing."""
     return Path(plan.folder) / "refused.json"
 
 
@@ -55,8 +55,8 @@ def forget_partial_report(plan):
 def partial_report(plan, workflow):
     """Write the report and the summary of the complete meshes, after a failed run.
 
-    It runs in a separate process, because planning loads no numerical libraries. So that Snakemake
-    rebuilds the files, they are dated before all their inputs, and their records are deleted.
+    A separate process writes them, because planning loads no numerical libraries. The files are
+    dated before all their inputs, and their records are deleted, so that Snakemake rebuilds them.
 
     Parameters
     ----------

@@ -17,7 +17,7 @@ _TASK = {}
 
 
 def each(work, items, count):
-    """Yield ``work(item)`` for every item, in order, with ``count`` at a time.
+    """Yield ``work(item)`` for every item, in order, computing up to ``count`` at a time.
 
     Parameters
     ----------

@@ -1,6 +1,6 @@
 """Corrects the default behaviour of Snakemake's scheduler."""
 
-#: Snakemake's default limit: jobs, and the seconds in which they may start.
+#: Snakemake's default limit: how many jobs may start, and in how many seconds.
 _DEFAULT = (100, 1)
 
 

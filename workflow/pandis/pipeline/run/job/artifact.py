@@ -4,7 +4,7 @@ The file is a zarr 3 group packed as an uncompressed zip (the chunks are
 compressed by zarr's Blosc codec), so any zarr reader opens it
 with ``zarr.open_group(zarr.storage.ZipStore(path, mode="r"))``. On top of zarr:
 
-- entries have a fixed order, timestamps and modes: same content, same bytes;
+- entries have a fixed order, timestamps and modes, so the same content gives the same bytes;
 - the zip comment is the SHA-256 of everything before it, so that no flipped
   bit, not even in an unused header field, goes unnoticed;
 - the group's attributes contain the kind of artifact, the digest of every array
@@ -350,7 +350,7 @@ def _damaged(path, what):
 
 
 def seal_zip(data):
-    """Return a zip file without a comment (bytes), sealed in the same way as an artifact."""
+    """Return the bytes of a zip file without a comment, sealed in the same way as an artifact."""
     sealed = data[:-2] + _COMMENT.to_bytes(2, "little")
     return sealed + _MARK + hashlib.sha256(sealed).hexdigest().encode()
 

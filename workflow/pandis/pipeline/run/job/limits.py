@@ -12,7 +12,7 @@ from contextlib import contextmanager
 
 #: Seconds between checks of time and memory.
 _EVERY = 1.0
-#: Seconds that a stage has, after its time limit, to report the limit itself.
+#: Seconds after the time limit in which a stage can still report the limit itself.
 _GRACE = 20.0
 
 

@@ -67,7 +67,7 @@ class Needs(NamedTuple):
     unused: tuple[str, ...] = ()
 
 
-#: Default of a stage: all kinds, and every module that it imports.
+#: Default needs of a stage: all kinds, and every module that it imports.
 EVERYTHING = Needs()
 
 
@@ -117,8 +117,8 @@ class CodeDigests:
     Attributes
     ----------
     root : Path
-        The folder that contains the package ``pandis``: the Snakefile's in a checkout. The package
-        contains the Snakefile if it is installed.
+        The folder that contains the package ``pandis``. In a checkout this is the Snakefile's
+        folder; in an installation the Snakefile is inside the package.
     """
 
     def __init__(self, folder):
@@ -287,7 +287,7 @@ def _foreign(tree):
 
 
 def versions(modules):
-    """Return the versions that a stage uses: Python, the packages it imports, the C compiler.
+    """Return the versions of Python, of the packages that a stage imports, and of the C compiler.
 
     A different compiler makes nothing stale, because it gives the same bits.
 

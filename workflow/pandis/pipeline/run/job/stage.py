@@ -1,8 +1,8 @@
-"""Runs a script as a stage: its log, errors, threads, progress and artifact.
+"""Runs a script as a stage, and handles its log, errors, threads, progress and artifact.
 
-Every script is ``with stage(snakemake, Task) as job:`` around a few calls of the library; ``Task``
-is the model of its options. The job's log also appears on the terminal. Errors do not, because
-Snakemake itself prints the log of a failed job, unless the log goes to an object store.
+Every script wraps a few calls of the library in ``with stage(snakemake, Task) as job:``; ``Task``
+is the model of its options. The job's log also appears on the terminal. Errors appear there only
+if the log goes to an object store: otherwise Snakemake itself prints the log of a failed job.
 """
 
 import hashlib
@@ -38,7 +38,7 @@ CHANGED = "the code was changed after this run was planned; run the same command
 INTERRUPTED = "interrupted; run the same command again to go on: finished work is kept"
 
 
-#: Environment variables for the threads of a BLAS that is loaded later or by a child process.
+#: Environment variables that set the thread count of a BLAS loaded later or by a child process.
 _BLAS_THREADS = ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "BLIS_NUM_THREADS")
 
 
@@ -69,8 +69,8 @@ def stage(snakemake, task):
     job = Job(snakemake, task)
     signal.signal(signal.SIGTERM, _interrupt)
     os.environ["IGL_NUM_THREADS"] = str(snakemake.threads)
-    # a BLAS sums in an order that depends on its thread count, which Snakemake sets to the job's
-    # thread count
+    # the order in which a BLAS sums depends on its thread count, and Snakemake sets that to the
+    # job's thread count
     os.environ.update(dict.fromkeys(_BLAS_THREADS, "1"))
     warnings.showwarning = lambda message, category, *_: job.log(f"warning: {message}")
     resources = snakemake.resources
@@ -113,14 +113,14 @@ class Job:
         self.stage = Path(sys.modules["__main__"].__file__).stem
         self.mesh = snakemake.wildcards.get("mesh")
         self._params, self._task = dict(snakemake.params.options), task
-        #: The stage's options as its model; set by `check_code`.
+        #: The options, as an instance of the stage's model; set by `check_code`.
         self.options = None
         self.threads = snakemake.threads
         self.input = snakemake.input
         self.output = snakemake.output
         extra = [v for k, v in snakemake.wildcards.items() if k not in ("mesh", "extension")]
         self.name = " ".join([self.mesh or "all meshes", self.stage, *map(str, extra)])
-        #: SHA-256 of the source set, for the stage that reads one.
+        #: SHA-256 of the source set; empty if the stage reads none.
         self.source = snakemake.params.get("source", "")
         self._inputs = {}
         #: The results folder, which contains the logs.
@@ -148,7 +148,7 @@ class Job:
         self._log.close()
 
     def check_code(self):
-        """Refuse to run if the code differs from what was planned; set the options."""
+        """Raise if the code is not the code that was planned; otherwise set the options."""
         here = Path(__file__).resolve().parents[3]
         digests = CodeDigests(self.workflow())
         expected = digests.root / "pandis"
@@ -169,8 +169,8 @@ class Job:
     def checkpoint(self):
         """Return the path where an unfinished result may be stored.
 
-        It is keyed by everything the result depends on, so a changed option never resumes an
-        older run. It is not an output of the rule, so Snakemake does not delete it.
+        It is keyed by everything the result depends on, so a job with changed options never resumes
+        an older run. It is not an output of the rule, so Snakemake does not delete it.
         """
         why = self.provenance()
         parts = [why["options"], why["code"]["digest"], why["inputs"], why["versions"]]
@@ -192,7 +192,7 @@ class Job:
         return artifact
 
     def read_input(self, path):
-        """Read an input artifact; for an exported file, return its path."""
+        """Read an input if it is an artifact; if it is an exported file, return its path."""
         return self.read_path(path) if str(path).endswith(".zarr.zip") else self.note_file(path)
 
     def note_digest(self, path, digest):
@@ -272,7 +272,7 @@ class Job:
 
 
 class TimedReport:
-    """Reports how much of a long computation is done, every few seconds.
+    """Reports the progress of a long computation every few seconds.
 
     Parameters
     ----------
@@ -290,11 +290,11 @@ class TimedReport:
         self.offset = 0
 
     def resume(self, done):
-        """Set the amount that an earlier run finished, which rates do not count."""
+        """Set the amount that an earlier run finished; it is left out of the rate."""
         self.offset = done
 
     def update(self, done, note=""):
-        """Report that ``done`` of ``total`` is finished; prints at most every few seconds."""
+        """Report that ``done`` of ``total`` is finished, at most once every few seconds."""
         now = time.monotonic()
         if now - self.last < PROGRESS_SECONDS and done < self.total:
             return
@@ -311,5 +311,5 @@ class TimedReport:
 
 
 def silent_progress(what, total, unit="points"):
-    """Return a `TimedReport` without a log, for use outside of a stage."""
+    """Return a `TimedReport` that logs nothing, for use outside a stage."""
     return TimedReport(lambda text: None, what, total, unit=unit)

@@ -1,4 +1,4 @@
-"""Results in an object store: jobs use local copies but record paths as if without a store."""
+"""Results in an object store: jobs use local copies, but record paths as if there were no store."""
 
 import os
 
@@ -7,7 +7,7 @@ COPIES = "PANDIS_COPIES"
 
 
 def tell_copies(settings):
-    """Set `COPIES` for this process's jobs to Snakemake's folder for copies of the default store.
+    """Set `COPIES`, for this process's jobs, to the folder of the default store's local copies.
 
     Parameters
     ----------
@@ -19,7 +19,7 @@ def tell_copies(settings):
         os.environ[COPIES] = os.path.join(str(settings.local_storage_prefix), kind, bucket)
 
 
-#: Placeholder of the results folder in the recorded paths of inputs: the folder may be moved.
+#: Stands for the results folder in the recorded paths of inputs, because the folder may be moved.
 RESULTS = "<results>"
 
 
@@ -33,7 +33,7 @@ def original(path):
     """Return ``path``, made relative if it is inside the working directory.
 
     For a copy, return the path that the file would have without a store. Results record this path
-    of each input, so that they have the same bytes with a store and without.
+    for each input, so that their bytes are the same with and without a store.
     """
     if is_copy(path):
         return os.path.relpath(path, os.environ[COPIES])

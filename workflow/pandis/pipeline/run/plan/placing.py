@@ -29,7 +29,7 @@ def load_scenes(raw, entries):
     Raises
     ------
     PandisError
-        Lists every fault at once, each with its dotted path.
+        There are faults; the message lists all, each with its dotted path.
     """
     faults, scenes = {}, {}
     sections = raw.get("scenes") or {}
@@ -101,9 +101,9 @@ def scene_task(scene, entries):
 
 
 def _knows_regions(entry, name):
-    """Return a field of the mesh whose file has the materials if the file of ``name`` does not.
+    """Return the name of another field of the mesh whose file contains the materials, or None.
 
-    Return None if the file of ``name`` contains them, or if no file does. A compact mesh is
+    Return None if the file of ``name`` itself contains them, or if no file does. A compact mesh is
     preferred to the exact one.
     """
     with_regions = [kind for kind, row in KINDS.items() if row.regions]

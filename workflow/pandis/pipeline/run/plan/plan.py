@@ -104,7 +104,7 @@ class Plan:
         self.folder = results_folder(config)
         #: Named target that the run ends with; None if it makes everything.
         self.until = last_target(config)
-        #: Meshes that cannot be built, and why. A job for each reports the reason and fails.
+        #: For each mesh that cannot be built, the reason. Its job reports the reason and fails.
         self.refused = {}
         self.entries = self._buildable(load_config(config, self.refused))
         self.scenes = load_scenes(config, self.entries)
@@ -118,7 +118,7 @@ class Plan:
         self.start = time.time()
 
     def _buildable(self, entries):
-        """Return the meshes whose source exists and has a known format; note the others."""
+        """Return the meshes whose source exists in a known format; add the rest to `refused`."""
         good = {}
         for mesh, entry in entries.items():
             fault = source_fault(entry.source)
@@ -143,7 +143,7 @@ class Plan:
 
     @property
     def final(self):
-        """The outputs that all meshes share."""
+        """The outputs that cover the whole run."""
         makers = ("collection", "collection") if self.until else ("summary", "report")
         return Output(self.summary, makers[0], {}), Output(self.report, makers[1], {})
 
@@ -151,7 +151,8 @@ class Plan:
     def query_times(self):
         """Path of the table of query times that `fields: auto` uses.
 
-        `snakemake -j1 -f calibrate` writes it to the working directory; a default table is shipped.
+        A table that `snakemake -j1 -f calibrate` wrote to the working directory replaces the
+        shipped default.
         """
         shipped = self.digests.scripts.parent / QUERY_TIMES
         return QUERY_TIMES if Path(QUERY_TIMES).is_file() else os.path.relpath(shipped)
@@ -163,7 +164,7 @@ class Plan:
 
     @property
     def recipes(self):
-        """Names of all recipes that are trained on some mesh."""
+        """Names of all recipes that are trained on at least one mesh."""
         return sorted({spec.name for spec in self._holders.values() if spec.learned})
 
     @property
@@ -192,9 +193,9 @@ class Plan:
     # --- outputs ---------------------------------------------------------------
 
     def outputs(self, mesh, entry=None):
-        """Return every output of a mesh, each path once, in building order.
+        """Return every output of a mesh, each path once, in build order.
 
-        ``entry``, if given, replaces the mesh's options: a scene may need other fields.
+        ``entry``, if given, replaces the mesh's options, because a scene may need other fields.
         """
         entry = entry or self.entries[mesh]
         return [
@@ -206,9 +207,9 @@ class Plan:
     def target(self, name):
         """Return the files of a named target; ``all`` lists every file.
 
-        Intermediate files are included, because Snakemake does not run a job merely
-        because an intermediate file is missing. Without them, after a failure, it
-        would find nothing to do although the results were made with older options.
+        Intermediate files are listed, too: a missing one alone does not make Snakemake run a
+        job. If they were not listed, Snakemake would find nothing to do after a failure, even
+        if the existing results were made with older options.
         """
         if name not in TARGETS:
             return [output.path for output in self.everything()]
@@ -218,7 +219,7 @@ class Plan:
         return paths + [o.path for o in self.refusals() if name != "scenes"]
 
     def everything(self):
-        """Return every output of this configuration; with scenes, only theirs and those needed."""
+        """Return the configuration's outputs; with scenes, only theirs and those that they need."""
         every = [o for mesh, entry in self.needed.items() for o in self.outputs(mesh, entry)]
         if self.until:
             every = [o for o in every if STAGES[o.stage].target not in JUDGING]
@@ -227,7 +228,7 @@ class Plan:
         return [*(o for o in every if STAGES[o.stage].in_scenes), *self.scene_outputs()]
 
     def refusals(self):
-        """Return an output, which is never made, for each mesh that cannot be built."""
+        """For each mesh that cannot be built, return an output that is never made."""
         return [
             Output(f"{self.folder}/{mesh}/refused", "refuse", {"mesh": mesh})
             for mesh in self.refused
@@ -282,7 +283,7 @@ class Plan:
         return [f"{self.folder}/{wildcards.mesh}/export/{spec.name}.pandis" for spec in specs]
 
     def distance_files(self, wildcards):
-        """Return a mesh's files for ``pandis.h`` whose fields may have distances."""
+        """Return the files for ``pandis.h`` of those fields of a mesh that may have distances."""
         folder = f"{self.folder}/{wildcards.mesh}/export"
         specs = distance_fields(self.entries[wildcards.mesh])
         return [f"{folder}/{spec.name}.pandis" for spec in specs]
@@ -313,7 +314,7 @@ class Plan:
         return [f"{self.folder}/{mesh}/export/{name}.{ending}" for name in names]
 
     def report_artifacts(self, only=None):
-        """Return the files that the report or a collection's table reads, of all meshes or one."""
+        """Return the files that the report or a collection's table reads, for all meshes or one."""
         paths = []
         for mesh in [only] if only else self.entries:
             if self.until:
@@ -340,7 +341,7 @@ class Plan:
         """Return a function that returns the code digest of a job of ``stage``.
 
         The digest covers the script and its library modules, except those that the job's options
-        do not need. A change to a method that a mesh does not use makes none of its results stale.
+        do not need. So a change to code that a mesh does not use makes none of its results stale.
         """
         return partial(self._job_code, stage)
 
@@ -378,11 +379,11 @@ class Plan:
         return STAGES[stage].options(PlannedJob(stage, mesh, self.entries[mesh], wildcards, built))
 
     def train_threads(self, wildcards):
-        """Return the number of threads with which a recipe trains: one of the recipe's options."""
+        """Return the number of threads with which a recipe trains, as set in its options."""
         return self.entries[wildcards.mesh].train[wildcards.recipe].threads
 
     def train_priority(self, wildcards):
-        """Return a training's priority: the longest starts first, because other jobs wait for it.
+        """Return the priority of a training job: the longest starts first, as others wait for it.
 
         The priority is the number of steps, or ten times the seconds of a time budget.
         """

@@ -15,8 +15,8 @@ class QueryTimes:
     ----------
     path : path-like
         CSV with the columns ``kind``, ``size``, ``microseconds``; lines that start with # are
-        comments. Sizes are faces (exact, compact), nodes per axis (grids), bytes (spline), units
-        per layer (network, of four layers).
+        comments. A size is the number of faces (exact, compact), nodes per axis (grids), bytes
+        (spline), or units per layer (networks of four layers).
 
     Raises
     ------

@@ -1,7 +1,7 @@
 """The stages of a mesh: the outputs, the options and the target of each.
 
-A stage is one rule and one script of the same name. `STAGES` is the only source of outputs,
-options, named targets and the needs of scenes.
+A stage is one rule and one script of the same name. Outputs, options and named targets, and which
+outputs scenes need, are defined only in `STAGES`.
 """
 
 import hashlib
@@ -33,10 +33,10 @@ from pandis.pipeline.run.ask.tasks import (
     ValidateTask,
 )
 
-#: The recipe of networks that `fields: auto` may choose.
+#: Recipe of the networks that `fields: auto` may choose.
 CHOSEN_RECIPE = "pandis-exact"
-#: Scale given to jobs that do not depend on the device's scale, so that a change of the device's
-#: scale makes none of them stale.
+#: Scale passed to jobs that do not depend on the device's scale, so that a change to that scale
+#: makes none of them stale.
 NOMINAL = {"size": 0.10, "stiffness": 400.0}
 
 
@@ -61,22 +61,25 @@ class PlannedJob:
 
     @property
     def seed(self):
-        """The job's seed, from the stage's name or, if it builds a field, from `Kind.stream`."""
+        """The job's seed, derived from the stage's name or, for a field, from `Kind.stream`."""
         names = KINDS[self.built.kind].stream(self.built) if self.built else (self.stage,)
         return stage_seed(self.entry.seed, self.mesh, *names)
 
     @property
     def scale(self):
-        """The scale of the device as options."""
+        """The device's scale, as options."""
         return dict(self.entry.device)
 
     def scale_of(self, target):
-        """Return the device's scale if the target limits an error, which may be in newtons."""
+        """Return the device's scale if the target limits a force error, else `NOMINAL`.
+
+        The error may be in newtons.
+        """
         return self.scale if target and target.force_error is not None else NOMINAL
 
     @property
     def band(self):
-        """Depth below and height above the surface to which grids are valid (unit frame)."""
+        """Depth below the surface and height above it to which grids are valid (unit frame)."""
         return [self.entry.bake.inside, self.entry.bake.outside]
 
 
@@ -90,8 +93,8 @@ class Stage:
         Takes a mesh's options; returns a pair for each output: its path relative to the mesh's
         folder, and the wildcards of its rule except the mesh.
     options : callable
-        Returns the options of a `PlannedJob`: a model of `pandis.pipeline.run.ask.tasks`. A change
-        of any of them makes the job stale.
+        Returns the options of a `PlannedJob`, as a model from `pandis.pipeline.run.ask.tasks`. A
+        change to any of them makes the job stale.
     target : str or None
         The named target that the outputs belong to.
     in_scenes : bool

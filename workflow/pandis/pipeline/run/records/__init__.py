@@ -1,1 +1,1 @@
-"""Records of artifacts' attributes: one module for each kind that other stages read."""
+"""Records of artifacts' attributes: one module per kind of artifact that other stages read."""

@@ -12,8 +12,8 @@ class Figures(Record):
     rms, p95, eq7, angle : float or None
         None on the contact sets: see `pandis.pipeline.judge.errors.errors.statistics`.
     relative, newtons, missing, felt, judged : float or None
-        On the trajectory and the contact sets only: the error as a share of the mean force and in
-        newtons, and shares of area (see `pandis.pipeline.geometry.shares.shares`).
+        On the trajectory and the contact sets only: the mean error, as a share of the mean force
+        and in newtons; and shares of area (see `pandis.pipeline.geometry.shares.shares`).
     strongly_felt : float or None
         On the contact sets only: see `pandis.pipeline.geometry.shares.differences`.
     """
@@ -54,7 +54,7 @@ class EvaluationRecord(Record):
     contact : dict
         ``left_out``: share of the area that is too thin to be judged.
     mean_force : dict of str to float
-        Mean of the exact force, by set.
+        Mean magnitude of exact forces, by set.
     bytes : dict of str to int
         By field.
     force_unit : str

@@ -5,7 +5,7 @@ from pandis.pipeline.run.records.record import Record
 
 
 class WallVerdict(Record):
-    """Comparison of a field's forces with the exact ones, below surface points of every thickness.
+    """Comparison of forces below the surface with the exact ones, on parts of every thickness.
 
     Attributes
     ----------
@@ -18,7 +18,7 @@ class WallVerdict(Record):
     points : int
         Number of points compared.
     pressed_missing : int
-        Number of points pressed by a device where the force is missing.
+        Number of the points pressed by devices at which the force is missing.
     ghost_n : float
         Largest force in free space away from the surface.
     holds : bool
@@ -44,10 +44,10 @@ class Pressed(Record):
     Attributes
     ----------
     hand : float
-        Damping of the configured hand, Ns/m. All figures are for this hand unless they say
+        Damping of the configured hand, Ns/m. All figures are for this hand unless stated
         otherwise.
     hands : dict of str to float
-        Largest safe stiffness for this hand and for others, N/m, by their damping.
+        Largest safe stiffness (N/m) for this hand and others, by the hand's damping.
     released_n_m : float
         Largest safe stiffness with a weight in place of a hand, N/m.
     stiffness : float
@@ -67,10 +67,10 @@ class Pressed(Record):
     reach_m : float
         Largest distance of the probe from the middle of the workspace, m.
     ended : str
-        Reason, if a run ended early; otherwise empty.
+        Why a run ended early; empty if none did.
     within_limits, passive : bool
     safe_n_m : float
-        Largest safe stiffness for the hand; ``limited_by`` gives the reason why it is no larger.
+        Largest safe stiffness for the hand; ``limited_by`` says why it is no larger.
     """
 
     hand: float
@@ -92,7 +92,7 @@ class Pressed(Record):
 
 
 class DeviceVerdict(Pressed):
-    """Verdict on a field with a simulated device, also as a sentence."""
+    """Verdict on a field pressed by a simulated device, as a word and as a sentence."""
 
     device: str
     pressed_missing: int
@@ -102,15 +102,16 @@ class DeviceVerdict(Pressed):
 
 
 class TouchVerdict(Pressed):
-    """Verdict on a field with a simulated device, through a proxy.
+    """Verdict on a field that a simulated device presses through a proxy.
 
     Attributes
     ----------
     device : str
     presses : int
-        Number of presses on thin and thick places, with 1.2 times the device's largest force.
+        Number of presses, on thin and thick parts, with 1.2 times the device's largest force.
     passes, penalty_passes : int
-        Presses in which the proxy, or the probe under penalty forces, went through a wall.
+        Number of presses in which the proxy, or the probe under penalty forces, went through a
+        wall.
     deepest_m : float
         Largest depth of a proxy below the surface.
     holds : bool
@@ -142,7 +143,7 @@ class ProxyVerdict(Record):
     budget : int
         Largest number of queries per tick.
     queries, compute_us : dict of str to float
-        Percentiles per tick, along the trajectory.
+        Percentiles over the ticks along the trajectory.
     miss_share : float
         Share of ticks that took too long to compute. ``in_time``: this share is small enough, and
         some ticks were in contact.
@@ -165,7 +166,7 @@ class ProxyVerdict(Record):
 
 
 class Ticks(Record):
-    """Tick times of a run: percentiles in µs, and shares beyond the deadline."""
+    """Tick times of a run: percentiles in µs, and shares of ticks beyond the deadline."""
 
     ticks: int
     compute_us: dict[str, float]
@@ -183,8 +184,8 @@ class ServoVerdict(Ticks):
     agreement : float
         Largest difference from the evaluated forces (unit frame, k = 1).
     agrees, in_time, punctual : bool
-        The difference is small enough, few enough ticks compute too long, and few enough begin too
-        late.
+        Whether the difference is small enough, few enough ticks take too long to compute, and few
+        enough begin too late.
     walls : WallVerdict
     verdict, sentence : str
     loaded : Ticks or None
@@ -233,7 +234,7 @@ class AttachedRun(Record):
 
 
 class FieldVerdict(ServoVerdict):
-    """Full verdict on a field: on this machine, every simulated device and the attached one.
+    """Full verdict on a field: for this machine, every simulated device and the attached device.
 
     ``advice`` is a text for the user; ``sha256`` is the digest of the exported file. If there is no
     proxy, ``proxy`` is None and ``no_proxy`` contains the reason.

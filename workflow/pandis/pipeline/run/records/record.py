@@ -27,7 +27,7 @@ class Record(BaseModel):
 
     @classmethod
     def checked(cls, artifact, values):
-        """Return the record of ``values``, which are a part of an artifact's attributes."""
+        """Return the record in ``values``, which are part of an artifact's attributes."""
         try:
             return cls.model_validate(values)
         except ValidationError as error:

@@ -9,7 +9,7 @@ class PlacedRecord(PlacedObject):
     """An object of a scene, with its file and the map from mesh units to metres.
 
     ``materials`` and ``textures``: feel of its surface, or of each of its regions, by name.
-    ``beside_file``: file of a mesh that contains the regions, if the field's file does not.
+    ``beside_file``: a mesh's file, which contains the regions if the field's file does not.
     """
 
     file: str
@@ -29,7 +29,7 @@ class TouchedRecord(Record):
     radius : float
         Radius of the probe, m.
     queries_mean, queries_max : float, int
-        Queries per tick.
+        Queries per tick (mean, maximum).
     touched_share : float
         Share of the ticks in contact.
     different : int
@@ -57,7 +57,7 @@ class SceneRecord(Record):
     speed : float
         m/s.
     asked_mean, asked_max : float, int
-        Fields queried per tick.
+        Fields queried per tick (mean, maximum).
     touched_share : float
         Share of the ticks in contact.
     different : int

@@ -1,4 +1,4 @@
-"""The batch of each step, which depends only on the seed and the step's number."""
+"""Makes the batch of each step, which depends only on the seed and the step's number."""
 
 from concurrent.futures import ThreadPoolExecutor
 from typing import NamedTuple
@@ -75,7 +75,7 @@ class Batches:
 
 
 def surface_batches(places, base, size, *, seed, device):
-    """Return the batches of the paper's recipe: an epoch is a block.
+    """Return the batches of the paper's recipe. Each epoch is one block.
 
     A row contains a point on the surface, the distance and normal there, and a point in the box;
     with a base, also the base's value and gradient at both points.
@@ -102,7 +102,7 @@ def surface_batches(places, base, size, *, seed, device):
 
 
 def area_points(samples):
-    """Return the stored surface points, distances and normals (n, 7), uniform by area."""
+    """Return the stored surface points, uniform by area, with distances and normals, (n, 7)."""
     low, high = SamplesRecord.of(samples).strata["surface"]
     columns = [samples.arrays[k][low:high] for k in ("points", "distance", "normal")]
     return np.column_stack(columns).astype(np.float32)

@@ -71,7 +71,7 @@ def slopes_back(back, slope, to_slope, *, sine):
 
 @cache
 def _second_stream(device, first):
-    """Return a second stream; torch hands out 32 in turn, so its own could equal the first."""
+    """Return a second stream. One from torch could equal the first: torch hands out 32 in turn."""
     return _kernels().new_stream(device)
 
 

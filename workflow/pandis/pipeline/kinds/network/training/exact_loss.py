@@ -55,9 +55,9 @@ def exact_loss(
 ) -> Loss:
     """Return the regression loss on exact distance and normal.
 
-    The force error of a point at depth |d| is at most |Φ − d| + |d|·‖Ψ − n‖;
-    both parts are L1 losses, weighted towards the surface, where probes are. The weights have a
-    lower bound, so that the network also learns the deep interior.
+    The force error at depth |d| is at most |Φ − d| + |d|·‖Ψ − n‖. Each part is an L1 loss, weighted
+    towards the surface, where probes are. The weights have a lower bound, so that the network also
+    learns the deep interior.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Handles Ctrl-C during training: the step is finished, and its state is kept."""
+"""Handles Ctrl-C during training: the current step finishes, and its state is kept."""
 
 import signal
 import threading

@@ -1,4 +1,4 @@
-"""Labels training points on the GPU that trains, so that it does not wait for the host's cores."""
+"""Labels training points on the GPU that trains, so the GPU need not wait for the host's cores."""
 
 from contextlib import contextmanager
 
@@ -10,11 +10,11 @@ from pandis.pipeline.geometry.distance import SURFACE_DISTANCE, MeshDistance
 
 
 class GpuDistance:
-    """The exact distance to a mesh; labels without ties are computed on a CUDA device.
+    """The exact distance to a mesh. Labels requested without ties are computed on a CUDA device.
 
-    Their signs equal the host's, and their distances differ only by rounding: the device searches
-    the same tree, and computes closest points in double precision, too. Signs are not checked by
-    winding numbers, unlike those of the stored samples.
+    Such labels have the host's signs, and their distances differ from the host's only by rounding:
+    the device searches the same tree, and also computes closest points in double precision. Unlike
+    those of the stored samples, the signs are not checked by winding numbers.
 
     Parameters
     ----------
@@ -43,7 +43,7 @@ class GpuDistance:
 
 
 def on_device(engine, device, log):
-    """Return an engine whose labels come from the device, if that is possible.
+    """Return an engine that labels on the device if possible; otherwise the given engine.
 
     Parameters
     ----------

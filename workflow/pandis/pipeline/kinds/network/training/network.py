@@ -78,7 +78,7 @@ class Siren(torch.nn.Module):
 
 
 class _Pass(torch.autograd.Function):
-    """Both passes through the network. Inside, each column is a point: this layout is faster."""
+    """The forward and backward passes. Inside, each column is a point: this layout is faster."""
 
     @staticmethod
     def forward(ctx, points, omega, with_gradient, *parameters):  # noqa: PLR0917 - called by torch

@@ -70,7 +70,7 @@ class Optimiser:
         self.adam = torch.optim.Adam(others, lr=rate, fused=True, capturable=graph)
 
     def set_share(self, share):
-        """Set the step sizes to a share of their largest values."""
+        """Set the step sizes to ``share`` times their largest values."""
         self.share.fill_(share)
         for group in self.adam.param_groups:
             if not torch.is_tensor(group["lr"]):
@@ -78,7 +78,7 @@ class Optimiser:
 
     @torch.no_grad()
     def step(self):
-        """Take a step along the gradients stored in the parameters."""
+        """Take a step, using the gradients stored in the parameters."""
         for group in self.adam.param_groups:
             if torch.is_tensor(group["lr"]):  # so that a recorded step follows the share
                 torch.mul(self.share, self.learning_rate, out=group["lr"])

@@ -1,8 +1,8 @@
-"""The paper's loss. Each of its seven terms is one function; means are over the points given.
+"""The paper's loss. Each of its seven terms is a function that averages over the points given.
 
 Five of the terms apply only on the surface or only off it. SIREN's code sets them to zero at the
-other points and averages over the whole batch. The paper does not say whether it averages so, or
-over only the points to which a term applies. The option ``weighting`` selects one of these.
+other points and averages over the whole batch. The paper does not say whether it does the same or
+averages over only the points to which a term applies. The option ``weighting`` selects either.
 
 Some printed formulas cannot be meant literally (see ``docs/architecture.md``). Inner products are
 read as cosines, because raw products are unbounded below. ‖·‖ − 1 is read as its absolute value,

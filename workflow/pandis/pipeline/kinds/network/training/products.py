@@ -1,7 +1,6 @@
-"""Matrix products, on the CPU through oneDNN where torch has it, and reuse of their memory.
+"""Computes matrix products, on the CPU through oneDNN where torch has it, and reuses their memory.
 
-MKL, which torch uses for float32 products, is slow on AMD's processors; oneDNN is
-not.
+MKL, which torch uses for float32 products, is slow on AMD processors; oneDNN is not.
 """
 
 import contextlib

@@ -6,8 +6,8 @@ import torch
 
 #: Number of steps that run before one is recorded.
 _EAGER_STEPS = 3
-#: Several trainers may share a GPU, each with its own thread and stream; while one of them
-#: records, the others must not replay their recorded steps.
+#: Held while a step is recorded or replayed. Several trainers may share a GPU, each with its own
+#: thread and stream; while one of them records, the others must not replay.
 _RECORDING = threading.Lock()
 
 

@@ -34,17 +34,17 @@ from pandis.pipeline.run.records.samples import SamplesRecord
 CHECKPOINT_SECONDS = 20.0
 CURVE_POINTS = 100
 QUICK = 4000
-#: After a share EARLY of the budget, a run has diverged if its error exceeds both DIVERGED times
-#: the smallest so far and HARMLESS times the mean force: a base may be nearly exact at first.
+#: Once the fraction EARLY of the budget is used, a run has diverged if its error exceeds DIVERGED
+#: times the smallest so far and HARMLESS times the mean force: a base may be nearly exact at first.
 DIVERGED, EARLY, HARMLESS = 4.0, 0.05, 0.1
 RESTARTS = 5
-#: Options that set the requested accuracy, not the training of a network.
+#: Options that set the requested accuracy and do not affect how a network is trained.
 _NOT_OF_A_TRAINING = {"force_error", "tail", "missed"}
 
 
 @contextlib.contextmanager
 def _subnormals_as_zero():
-    """Treat subnormal numbers as zero on this thread, only within the body.
+    """Treat subnormal numbers as zero on this thread while the body runs.
 
     Processors are many times slower on subnormal numbers. Other code must not run with this
     setting: SciPy's k-d tree, for example, then splits a node forever.
@@ -59,8 +59,8 @@ def _subnormals_as_zero():
 class Trainer:
     """Trains one network; the same options and samples give the same bytes.
 
-    A step depends only on the seed and its own number, so that a run
-    resumed from a checkpoint gives the same result as an uninterrupted one.
+    A step depends only on the seed and its own number, so a run resumed from a checkpoint gives the
+    same result as an uninterrupted one.
 
     Parameters
     ----------
@@ -134,7 +134,7 @@ class Trainer:
         output, gradient = self.network.forward_with_gradient(torch.cat([points, rows[:, 7:10]]))
         if self.base is not None:
             known = torch.cat([rows[:, 10:14], rows[:, 14:18]])
-            # the base's gradient is added to Ψ in the other columns, unless Φ is the only output
+            # the base's value is added to Φ, and its gradient to Ψ if that is an output
             output = output + known[:, : output.shape[1]]
             gradient = gradient + known[:, 1:]
         return paper_loss(
@@ -147,7 +147,7 @@ class Trainer:
         )
 
     def _rate(self, share):
-        """Return the step size at a share of the budget, as a share of the largest step size.
+        """Return the step size, relative to the largest, at a given fraction of the budget.
 
         The step size is constant, or rises in a warm-up and then falls to zero along half a cosine.
         """
@@ -194,7 +194,7 @@ class Trainer:
         PandisError
             The run diverged repeatedly.
         KeyboardInterrupt
-            The process was asked to stop: a checkpoint of the last step is written.
+            The process was asked to stop. A checkpoint of the last step has been written.
         """
         steps, seconds = self.options.steps, self.options.seconds
         report = self.context.progress(
@@ -203,7 +203,7 @@ class Trainer:
         self._resume()
         report.resume(self.step if steps else self.elapsed)
         with noted() as interrupted, own_stream(self.device):
-            if self.device == "cuda":  # kernels are loaded now, outside the budget
+            if self.device == "cuda":  # load kernels before the budget starts
                 if not fused(self.parameters[0]):
                     self.log("steps take longer without Warp: pip install warp-lang")
                 torch.autograd.grad(self._loss(self.batches.batch(self.step)), self.parameters)
@@ -262,7 +262,7 @@ class Trainer:
     # --- divergence ----------------------------------------------------------------
 
     def _diverged(self, share, error):
-        # the paper's loss uses no distances, and its error rises and falls
+        # the paper's loss is not checked: it uses no distances, and its error rises and falls
         harmful = max(DIVERGED * self.least, HARMLESS * self.force)
         return not self.paper and share > EARLY and error > harmful
 
