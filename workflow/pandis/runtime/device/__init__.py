@@ -35,7 +35,7 @@ class Limits(ctypes.Structure):
     between ticks) and ``impulse`` (largest change between ticks). ``speed``: of the probe, m/s.
     ``ramp``: ticks until the full force is reached. ``damping`` (Ns/m) and ``encoder`` (position
     step, m): of the device. ``stiffness``: of the wall, N/m, which bounds the energy it stores.
-    ``most_damping``: may be added, Ns/m. ``needs``: NEEDS_BUTTON and NEEDS_SWITCH, where they apply.
+    ``most_damping``: may be added, Ns/m. ``needs``: NEEDS_BUTTON, NEEDS_SWITCH, where they apply.
     """
 
     _fields_ = (
