@@ -3,6 +3,11 @@
 import subprocess
 import sys
 
+import numpy as np
+import pytest
+import trimesh
+
+from pandis.pipeline.mesh import tools
 from support import environment
 
 FOREIGN = {"pymeshlab", "pymeshfix", "igl.copyleft"}
@@ -31,3 +36,15 @@ def test_no_module_imports_what_is_under_the_gpl():
     assert int(count) > 200
     assert {"pandis.pipeline.mesh.tools", "igl", "trimesh"} <= set(modules)
     assert not FOREIGN & set(modules)
+
+
+def test_compact_meshes_are_simplified_without_it(monkeypatch):
+    """PyMeshLab did this, whatever the rungs were. The same mesh comes again, closed."""
+    monkeypatch.setitem(sys.modules, "pymeshlab", None)
+    ball = trimesh.creation.icosphere(4)
+    one, other = (tools.simplify(ball.vertices, ball.faces, 500) for _ in range(2))
+    assert all(np.array_equal(*pair) for pair in zip(one, other, strict=True))
+    simple = trimesh.Trimesh(*one, process=False)
+    assert len(simple.faces) == 500
+    assert simple.is_watertight
+    assert simple.volume == pytest.approx(ball.volume, rel=0.01)

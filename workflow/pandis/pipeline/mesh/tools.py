@@ -292,16 +292,12 @@ def wrap(vertices, faces, alpha, *, offset):
 
 
 def simplify(vertices, faces, count):
-    """Reduce to ``count`` faces by quadrics (Garland & Heckbert 1997), through PyMeshLab."""
-    import pymeshlab
+    """Reduce to ``count`` faces by quadrics (Garland & Heckbert 1997), through libigl."""
+    import igl
 
-    meshes = pymeshlab.MeshSet()
-    meshes.add_mesh(pymeshlab.Mesh(vertices, faces))
-    meshes.meshing_decimation_quadric_edge_collapse(
-        targetfacenum=count, preservetopology=True, preservenormal=True, optimalplacement=True
-    )
-    mesh = meshes.current_mesh()
-    return mesh.vertex_matrix(), mesh.face_matrix()
+    columns = np.asfortranarray(vertices, np.float64), np.asfortranarray(faces, np.int32)
+    simple, left, *_ = igl.qslim(*columns, count)
+    return simple, left
 
 
 OPERATIONS = {
