@@ -13,7 +13,7 @@ import numpy as np
 from pandis.bridges.vdb.leaves import SIDE
 
 MAGIC, VERSION, _LIBRARY = 0x56444220, 224, (10, 0)
-#: For each inner level: number of children along an axis of a node, and its length in voxels.
+#: For each level of inner nodes: number of children per axis, and a node's side length in voxels.
 INNER, OUTER = (16, 16 * SIDE), (32, 32 * 16 * SIDE)
 #: Grid compression: only active values are stored. Node compression: for each inactive value, a
 #: mask selects the outside background or the inside one.

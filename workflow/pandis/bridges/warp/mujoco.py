@@ -25,7 +25,8 @@ _ADDRESS, _SCALE, _ORIGIN, _TURN = 1, 4, 5, 8
 #: Distance at points without an answer, as in MuJoCo.
 _NOWHERE = wp.constant(1e10)
 
-#: Functions installed for collisions so far, in the order of their first numbers.
+#: Functions installed for collisions so far. Item i serves the instances whose first number is
+#: _MARK + 1 + i.
 _known: list = []
 
 

@@ -44,13 +44,13 @@ def four_biases(field: Field, at: wp.int32) -> wp.vec4f:
 
 @cache
 def network_answer(width, outputs):
-    """Return the function that maps (Field, point) to Answer, mesh units, for networks of a width.
+    """Return the function from (Field, point) to Answer, mesh units, for networks of one width.
 
     Parameters
     ----------
     width : int
     outputs : {1, 4}
-        1: the distance, whose gradient is the direction; 4: distance and direction.
+        1: the network gives only the distance, whose gradient is the direction. 4: it gives both.
     """
     STRIDE = wp.constant(-(-int(width) // 16) * 16)
     ROOM = wp.constant(2 * STRIDE)

@@ -9,7 +9,7 @@ from pandis.bridges.warp.data import Answer, Field, Lattice
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
 BOUND, INVALID = wp.constant(1), wp.constant(2)
-#: Coordinates are clamped to ±EDGE, so the faces of the box belong to its last cells.
+#: Coordinates are clamped to ±EDGE, so that a point on a face of the box is in a cell inside it.
 EDGE = wp.constant(wp.float64(1 - 1e-12))
 NO_BRICK = wp.constant(65535)
 #: Largest shift of a point near a crease, in steps; smallest deficit of the squared gradient.
@@ -64,7 +64,7 @@ def along(lattice: Lattice, at: wp.float64) -> Axis:
 
 @wp.func
 def with_row(total: Sum, x: Axis, y: Axis, z: Axis, i: wp.int32, j: wp.int32, c: wp.vec4d) -> Sum:
-    """Add four coefficients along z to a sum: row (i, j) of the cell."""
+    """Add a cell's row (i, j), which has four coefficients along z, to a sum."""
     flat, steep = wp.dot(c, z.weights), wp.dot(c, z.slopes)
     a, b = x.weights[i], y.weights[j]
     total.value += a * b * flat

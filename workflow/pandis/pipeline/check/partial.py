@@ -25,7 +25,7 @@ _STEMS = ("evaluation", "timing", "stress", "hardware")
 
 
 def write_partial(plan):
-    """Write a plan's report and summary for the meshes whose results are valid.
+    """Write a plan's report and summary, restricted to the meshes whose results are valid.
 
     Parameters
     ----------
@@ -34,7 +34,8 @@ def write_partial(plan):
     Returns
     -------
     dict of str to str
-        The reason for each mesh left out, by name. Nothing is written if all are left out, or none.
+        Reason for each mesh left out, by name. If no mesh is left out, or if all are, nothing is
+        written.
     """
     checker, good, refused = Checker(plan), [], dict(plan.refused)
     for mesh in plan.meshes:

@@ -221,7 +221,7 @@ class Checker:
         return None if same else "differs from the artifacts it summarises"
 
     def _collection(self, path):
-        """Return the fault of collection.csv, whose digest is in collection.html, or None."""
+        """Compare collection.csv with its digest in collection.html; return its fault, or None."""
         try:
             expected = read_seal(path.with_suffix(".html")).get("table")
         except (PandisError, OSError):

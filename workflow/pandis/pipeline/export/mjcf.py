@@ -74,7 +74,7 @@ class Query(NamedTuple):
 
 
 def _differences(text, placed, size):
-    """Return the largest error in MuJoCo's distances over all fields, as a fraction of the size."""
+    """Return MuJoCo's largest distance error in any field, as a fraction of the object's size."""
     here = os.getcwd()
     with tempfile.TemporaryDirectory() as folder:
         os.chdir(folder)  # MuJoCo writes warnings to this folder

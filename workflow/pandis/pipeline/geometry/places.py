@@ -1,4 +1,4 @@
-"""Draws surface points at which devices and hands press, equally many per class of thickness."""
+"""Draws surface points to press on: the same number from each class of thickness."""
 
 from itertools import pairwise
 from typing import NamedTuple

@@ -22,17 +22,17 @@ _CHOOSING, _PROMISING = (11, 0, 1), (12, 0, 1)
 
 
 class Measured(NamedTuple):
-    """Errors of a candidate, compared with the limits.
+    """Errors of a candidate, and whether they are within the limits.
 
     Attributes
     ----------
     figures : dict
-        ``mean``, ``p99`` and ``missing``, measured on the points for promises, or on the points
-        for the choice if the candidate was rejected there.
+        ``mean``, ``p99`` and ``missing``. They are measured on `Points.promising`, or on
+        `Points.choosing` if the candidate already exceeds a limit there.
     why : str
-        Reason why the candidate does not meet the limits; empty if it does.
+        Why the candidate does not meet the limits; empty if it does.
     excess : float
-        Largest ratio of an error to its limit; at most 1 if the candidate meets the limits.
+        Largest ratio of an error to its limit. It is at most 1 if the candidate meets the limits.
     """
 
     figures: dict

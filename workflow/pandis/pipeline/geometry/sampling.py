@@ -12,7 +12,7 @@ from scipy.spatial import cKDTree
 
 from pandis.base.streams import generator
 
-#: Largest depth of each probe set below the surface (unit frame).
+#: The points of each probe set are at most this far below the surface (unit frame).
 PROBE_DEPTHS = {"shallow": 0.01, "deep": 0.04}
 #: A face's weight for bent sampling is its mean curvature times this length (unit frame).
 BEND_LENGTH = 0.05

@@ -15,8 +15,8 @@ from pandis.pipeline.mesh.winding import WindingNumber
 
 #: Depth of the octree at which every cell is visited.
 DENSE_LEVEL = 5
-#: Slope of the side, which falls from 1 (outside) at winding number 0.375 to −1 (inside) at 0.625
-#: and is constant outside this range.
+#: At winding number w, the side is SLOPE · (1 − 2w), clipped to [−1, 1]. It is 1 (outside) up to
+#: w = 0.375, and −1 (inside) from w = 0.625.
 SLOPE = 4.0
 #: Corners of a cell in libigl's order for marching cubes: around the bottom, then around the top.
 _CORNERS = np.array(

@@ -99,20 +99,21 @@ def summarise(columns):
 
 
 def summary_rows(mesh, records, builds):
-    """Return the rows of one mesh.
+    """Return the summary's rows for one mesh, one row per field.
 
     Parameters
     ----------
     mesh : str
     records : sequence
-        The mesh's evaluation, timing, stress and hardware (`pandis.pipeline.run.records`).
+        The mesh's records of evaluation, timing, stress and hardware, in this order
+        (`pandis.pipeline.run.records`).
     builds : dict of str to float
-        From `pandis.pipeline.report.builds.build_seconds`.
+        Build time of each field, s, from `pandis.pipeline.report.builds.build_seconds`.
 
     Returns
     -------
     list of dict
-        With the keys of COLUMNS. A value that a field lacks is empty.
+        Rows with the keys of COLUMNS. If a field lacks a value, the entry is an empty string.
     """
     evaluation, timing, stress, hardware = records
     measured = evaluation.errors["trajectory"]

@@ -256,29 +256,29 @@ class Order(NamedTuple):
     period : float
         Period of a tick, s.
     deadline : float
-        A tick that computes longer than this (s) is an overrun; ``overruns`` in a row end the run.
+        Longest computing time of a tick, s. After ``overruns`` longer ticks in a row, the run ends.
     overruns : int
     gap : float
-        Calls further apart than this (s), or a call that takes longer, end the run.
+        The run ends if the time between two calls, or the duration of a call, exceeds this (s).
     patience : float
-        Seconds without a call after which the watchdog ends the run.
+        The watchdog ends the run after this time without a call, s.
     expected : float
-        Largest force (N) of the expected device. A device whose largest force differs by more than
-        a tenth is refused. 0: any device.
+        Expected largest force of the device, N. A device is refused if its largest force differs
+        from this by more than a tenth. 0 accepts any device.
     armed : bool
-        Whether forces are sent.
+        Whether forces are sent to the device.
     bridge : object, optional
         Bridge to a simulation that moves the scene's objects: see `pandis.bridges.mujoco.bridge`.
     between : callable, optional
-        Called every ``every`` ticks, in simulated time only, for example to advance a simulation in
-        step with the device. An exception in it ends the run and is raised afterwards.
+        Function called every ``every`` ticks, in simulated time only, for example to advance a
+        simulation. An exception in it ends the run, and is raised again afterwards.
     every : int
     hold : int
-        Number of ticks for which each computed force is kept; must be 1 on a real device.
+        Number of ticks for which each computed force is held; must be 1 in real time.
 
     Notes
     -----
-    Deadline, gap and patience apply only in real time: in simulated time nothing is late.
+    ``deadline``, ``gap`` and ``patience`` apply only in real time; simulated ticks are never late.
     """
 
     scene: object

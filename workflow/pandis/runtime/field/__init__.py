@@ -331,10 +331,10 @@ class NativeField:
         """Return the second derivatives (n, 3, 3) of the distance at points (n, 3), per mesh unit.
 
         They are analytic for meshes, closed forms, splines and grids of distances. For meshes and
-        closed forms, they are those of the nearest feature: 0 next to a face, and those of a round
-        surface next to an edge or a corner. For networks, and where the flag marks a bound, they
-        are finite differences over a few thousandths of the object or less. NaN where `gradient` is
-        NaN.
+        closed forms, only the nearest feature counts: next to a flat face they are 0, and next to
+        an edge or a corner they are those of a cylinder or a sphere around it. For networks, and
+        where the flag marks a bound, they are finite differences over at most a few thousandths of
+        the object. They are NaN where `gradient` is NaN.
         """
         return self._derivatives(points)[1]
 

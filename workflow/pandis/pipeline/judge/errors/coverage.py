@@ -6,7 +6,8 @@ from scipy.spatial import cKDTree
 from pandis.base.streams import COVERAGE, generator
 from pandis.pipeline.geometry.thickness import inscribed_radius
 
-#: PLACES surface points are split into tenths. Curvature is measured from NEIGHBOURS neighbours.
+#: PLACES surface points are sorted into tenths. A point's curvature is measured from its NEIGHBOURS
+#: nearest points.
 PLACES, NEIGHBOURS = 4000, 9
 TENTHS = 10
 #: A tenth of the surface counts as visited if it contains at least this share of the samples.

@@ -223,20 +223,20 @@ def run(field, spec, size, *, stiffness, presses, feel=None):
 
 
 def judge(runs, oracle, error, *, detours=True, radius=0.0):
-    """Judge runs of presses.
+    """Judge in how many runs of presses the hand passed through the surface.
 
     Parameters
     ----------
     runs : iterable of (pandis.runtime.device.Session, ndarray)
-        From `run`.
+        Session and proxy positions of each press, from `run`.
     oracle : Oracle
     error : float
         The field's largest error at the surface, m.
     detours : bool
         Whether a proxy may go around an obstacle within a tick. Set this to False for penalty
-        forces: a probe that is outside, inside and outside again went through.
+        forces: a probe that enters the object and comes out elsewhere has gone through, not around.
     radius : float
-        Radius of the probe, m. Proxies must stay this far outside.
+        Radius of the probe, m. Proxies must stay at least this far outside the surface.
 
     Returns
     -------

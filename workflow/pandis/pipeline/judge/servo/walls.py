@@ -50,7 +50,7 @@ class Walls(NamedTuple):
 
 
 def open_walls(exact, scale, seed):
-    """Draw the points of a mesh, and check that no control passes on them.
+    """Draw the points at which forces are compared, and check that every control fails there.
 
     Parameters
     ----------

@@ -78,12 +78,13 @@ class Press(NamedTuple):
     Attributes
     ----------
     swing : ndarray, shape (n,)
-        Peak-to-peak shaking of the probe above 30 Hz in the run's last third, m.
+        How far the probe shakes, peak to peak and above 30 Hz, in the last third of the run, m.
     energy : ndarray, shape (n,)
-        Energy that the wall took from the device, J; negative if the wall added energy.
+        Energy that the wall took from the device during the run, J. It is negative if the wall
+        added energy.
     share : ndarray, shape (n,)
-        Mean force in the run's last third, as a share of the pressing force; infinite if friction
-        alone might stop the device before the wall.
+        Mean outward force of the wall in the last third of the run, as a share of the pressing
+        force. It is infinite if friction alone might stop the device before it reaches the wall.
     """
 
     swing: np.ndarray
@@ -201,7 +202,7 @@ def presses(loop, places, force):
 
 
 def closed_loop(loop, places, force, *, calm, rests):
-    """Measure where a device in a hand shakes or goes through, and the largest stable stiffness.
+    """Measure the area on which presses shake or go through, and the largest stable stiffness.
 
     Parameters
     ----------
@@ -210,18 +211,19 @@ def closed_loop(loop, places, force, *, calm, rests):
     force : ndarray, shape (n,)
         Force that walls must hold, N: see `pandis.pipeline.judge.stress.contact.wanted_force`.
     calm : ndarray, shape (2, n), bool
-        Result of `presses` on the exact field. A field does not fail where the shape itself lets a
-        probe slip off or through.
+        Whether each press is calm on the exact field, from `presses`. Other presses do not count
+        against a field, because the shape itself lets the probe slip off or through.
     rests : float
-        The exact field's largest stable stiffness.
+        Largest stable stiffness of the exact field, N/m.
 
     Returns
     -------
     dict
-        ``restless``: share of the area on which a press that is calm on the exact field is not calm
-        on this one, the larger of the shares for light and hard presses; ``stable_n_m``: the
-        largest stable stiffness; ``least_n_m``: the requested
-        stiffness, or ``rests`` if that is less; ``limit``; ``passed``.
+        ``restless``: share of the area on which a press is calm on the exact field but not on this
+        one. Of the shares for light and hard presses, it is the larger. ``stable_n_m``: largest
+        stable stiffness; ``least_n_m``: smallest value that ``stable_n_m`` may have, which is the
+        requested stiffness, or ``rests`` if that is less; ``limit``: limit on ``restless``;
+        ``passed``.
     """
     pressed = presses(loop, places, force)
     restless = float(((calm & ~pressed) * places.weight).sum(axis=1).max())

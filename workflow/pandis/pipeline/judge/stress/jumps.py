@@ -12,8 +12,9 @@ _COUNTED = "mm01"
 STEEP = 2.0
 #: Largest share of the moves over which the force may jump.
 ALLOWED = 0.005
-#: On all but the share RARE of the moves, the force may change by at most WORST times k · way more
-#: than the exact one. RARE is small because few moves cross a seam, which is long but thin.
+#: The force may change by at most WORST · k · way more than the exact force does nearby. Only the
+#: share RARE of the moves may exceed this. RARE is small because even a long seam is so thin that
+#: few moves cross it.
 WORST, RARE = 5.0, 1e-4
 #: Length, in multiples of a move, over which a change of the exact force counts as nearby: smooth
 #: fields spread jumps.

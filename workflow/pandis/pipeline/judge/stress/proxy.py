@@ -16,9 +16,9 @@ from pandis.runtime.scene import Placed
 #: STICKS is the friction coefficient of pressed surfaces. Presses move sideways by SHARE of the way
 #: to the edge of the friction cone.
 STICKS, SHARE = 0.6, 0.5
-#: A press starts at height ABOVE (unit frame) and ends at DEPTH (m), however thin the wall. It
-#: takes DOWN ticks down, ASIDE ticks sideways, and REST ticks at rest. The proxy may still move in
-#: the first SETTLES ticks at rest.
+#: A press starts at height ABOVE (unit frame) over a surface point and goes to DEPTH (m) below it,
+#: however thin the wall. The probe moves down for DOWN ticks and sideways for ASIDE ticks, and then
+#: rests for REST ticks. The proxy may still move in the first SETTLES of these.
 DEPTH, ABOVE = 1e-3, 0.03
 DOWN, ASIDE, REST, SETTLES = 60, 20, 100, 50
 #: Each surface point must push back with at least HOLDS times the exact field's force. A proxy at
@@ -135,10 +135,10 @@ def press_all(follow, places, scale):
 
 
 def holds(follow, places, exact, *, scale):
-    """Measure the area on which a field, through a proxy, holds a hand less than the exact one.
+    """Measure the share of the area on which a proxy holds a hand worse than on the exact field.
 
-    Thin walls are tested too: the force on a proxy does not depend on a wall's thickness. Strips
-    along convex edges are not judged, because a proxy slides off where a field rounds the edge.
+    Thin walls are tested too, because the force on a proxy does not depend on a wall's thickness.
+    Strips along convex edges are not judged: fields round the edge, so the proxy slides off there.
 
     Parameters
     ----------
@@ -150,10 +150,10 @@ def holds(follow, places, exact, *, scale):
     Returns
     -------
     dict
-        ``soft``: share of the area judged that pushes back with less than half the force of the
-        exact field; ``creeps``: share on which the proxy still moves in the second half
-        of the ticks at rest, while that of the exact field does not; ``worst``: the larger of the
-        two; ``limit``, ``passed``.
+        ``soft``: share of the judged area on which the field pushes back with less than half the
+        force of the exact field; ``creeps``: share on which the proxy still moves in the second
+        half of the ticks at rest, although the exact field's proxy does not; ``worst``: the larger
+        of the two shares; ``limit``: limit on both; ``passed``.
     """
     pressed = press_all(follow, places, scale)
     soft = ~(pressed.push >= HOLDS * exact.push)  # NaN counts as soft
@@ -199,7 +199,7 @@ def keeps(follow, engine, paths, *, device):
 
 
 def stays(follow, engine, error, *, path, scale):
-    """Follow a long smooth path into and out of walls, and judge the forces and the proxy.
+    """Follow a long smooth path into and out of walls; judge force changes and proxy depth.
 
     Parameters
     ----------
@@ -216,10 +216,12 @@ def stays(follow, engine, error, *, path, scale):
     Returns
     -------
     dict
-        ``ticks``; ``bad``: number of proxies that are not finite, and of forces that change by more
-        than k times (twice the probe's move plus the slide); ``deepest_mm``: largest depth of a
-        proxy in the mesh; ``limit``: mm, the field's error plus `MARGIN`; ``touching``: share of
-        ticks with contact; ``passed``: there is contact, nothing is bad, and the limit is kept.
+        ``ticks``: length of the path; ``bad``: number of faults. A fault is a proxy that is not
+        finite, or a force change of more than k · (2 · the probe's move + `Steps.slide`) in a tick.
+        ``deepest_mm``: largest depth of a proxy below the exact surface; ``limit``: limit on
+        ``deepest_mm``, the field's error plus `MARGIN`, mm; ``touching``: share of ticks with
+        contact; ``passed``: there is contact, there are no faults, and the depth is within the
+        limit.
     """
     steps = follow(path)
     moved = np.linalg.norm(np.diff(path, axis=0), axis=1)
@@ -258,9 +260,10 @@ def wander(places, rng):
 
 
 def surface_error(field, contacts):
-    """Return a field's largest absolute distance (unit frame) on the surface.
+    """Return the largest absolute distance that a field gives on the exact surface, unit frame.
 
-    Points below which the force is missing are left out, so that a hole does not raise the limit.
+    Points below which the force is missing are skipped. Otherwise, a hole in the field would raise
+    the limit on a proxy's depth.
 
     Parameters
     ----------

@@ -10,7 +10,7 @@ def build(job):
     Raises
     ------
     PandisError
-        Some points are on the wrong side of the surface on so coarse a lattice.
+        This number of bits leaves no face, or puts some points on the wrong side of the surface.
     """
     body, task = Body.open(job.read("mesh", "mesh")), job.options
     arrays, record = build_compact(body, task.bits, task.seed, log=job.log)

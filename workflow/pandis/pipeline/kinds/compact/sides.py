@@ -15,8 +15,9 @@ from pandis.engine.packing import BY_FACE, BY_RAY, INSIDE, OUTSIDE, Sides, find_
 
 #: Distance from a face, in steps, of the points that check it: less than the height of any fold.
 _BESIDE = 1e-3
-#: A face is folded back onto its neighbour if the cosine between their normals is below _FOLD. Only
-#: folds with a face of less than _LOW steps in height count: rounding does not fold higher ones.
+#: Two neighbouring faces count as folded onto each other if the cosine between their normals is
+#: below _FOLD and at least one of them is less than _LOW steps high. Rounding does not fold higher
+#: faces.
 _FOLD, _LOW = -0.7, 4.0
 #: Faces give the side at a corner if the cosine between each normal around it and their mean is at
 #: least this, as in packing/sides.h.

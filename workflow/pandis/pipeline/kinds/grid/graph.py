@@ -88,7 +88,7 @@ def _own_gradient(graph, field, clamped):
 
 
 def _nodes(graph, field, clamped):
-    """Return a function that looks up nodes by index (n, 3), and positions in node units."""
+    """Return a function from node indices (n, 3) to node values, and the points in node units."""
     size, low = field.axes.size, np.array(field.axes.low)
     table = graph.constant("values", field.values.reshape(size**3, -1))
     strides = graph.constant("strides", np.array([size * size, size, 1], np.int64))

@@ -5,7 +5,7 @@ from scipy.interpolate import BSpline
 
 from pandis.engine.spline import EDGE, Lattice
 
-#: Number of exact distances per cell, along each axis, to which the spline is fitted.
+#: The spline is fitted to this many exact distances per cell along each axis.
 _SAMPLES = 3
 
 

@@ -1,13 +1,18 @@
-"""The `spline` field: tricubic B-splines kept only where they are needed.
+"""The `spline` field: tricubic B-splines whose coefficients are stored only where they are needed.
 
-There are three lattices. *Base* is coarse and 16-bit. It has all coefficients needed for points
-inside or in the band around the surface. *Fine* is 3.5 times as fine and 8-bit. It is added to the
-base in the blocks where the base has its largest errors, so that bytes are spent on creases, thin
-parts and the surface itself. However deep a probe is pressed, the sum of both is twice continuously
-differentiable, and its gradient once, because there is no boundary between the lattices inside.
-*Far* is very coarse and covers the whole box, for the free space beyond the band. No force acts
-there. The distance is at least that of the band's edge, and one bit per block of cells stores the
-side.
+There are three lattices:
+
+- *Base* is coarse, with 16-bit coefficients. It covers all points inside the object and in the band
+  around the surface.
+- *Fine* is 3.5 times as fine, with 8-bit coefficients. It is added to the base in the blocks where
+  the base has its largest errors, so its bytes are spent on creases, thin parts and the surface
+  itself.
+- *Far* is very coarse and covers the whole box. It is used beyond the band, in free space, where no
+  force acts. The distance there is at least that at the band's edge, and one bit per block of cells
+  stores the side.
+
+However deep a probe is pressed, it stays where the sum of base and fine applies. That sum is twice
+continuously differentiable, and its gradient once.
 """
 
 import numpy as np

@@ -1,6 +1,6 @@
-"""Limits on a field's errors: the user's amounts of force, converted to the unit frame.
+"""Converts the user's limits on a field's force errors, such as 20 mN, to the unit frame.
 
-Planning uses this module, so it imports neither torch nor trimesh.
+The planning process imports this module, so it must import neither torch nor trimesh.
 """
 
 import math

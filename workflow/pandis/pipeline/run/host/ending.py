@@ -53,16 +53,17 @@ def forget_partial_report(plan):
 
 
 def partial_report(plan, workflow):
-    """Write the report and the summary of the complete meshes, after a failed run.
+    """After a failed run, write a report and a summary of the meshes that are complete.
 
-    A separate process writes them, because planning loads no numerical libraries. The files are
-    dated before all their inputs, and their records are deleted, so that Snakemake rebuilds them.
+    A separate process writes them, because the planning process loads no numerical libraries. The
+    files are dated before all their inputs, and Snakemake's records of them are deleted, so that
+    the next run rebuilds them.
 
     Parameters
     ----------
     workflow : snakemake.workflow.Workflow
-        The workflow whose run failed. Nothing is written if it would not have made the report, if
-        it was stopped, or if the results are not local files.
+        The workflow whose run failed. Nothing is written if the run was not meant to make the
+        report, if the user stopped it, or if the results are in an object store.
     """
     if plan.store:
         return

@@ -226,7 +226,7 @@ class _Growing:
 
 
 class _AtomicFile:
-    """A file that appears under its name in one step, completely or not at all."""
+    """A file that is written under a temporary name and renamed once it is whole and on disk."""
 
     def __init__(self, path):
         self.path = Path(path)

@@ -316,21 +316,21 @@ def compiler_version():
 
 
 def provenance(stage, wildcards, options, *, modules, inputs):
-    """Assemble an artifact's provenance, without time, host or paths of the machine.
+    """Assemble an artifact's provenance. It excludes the time, the host and the machine's paths.
 
     Parameters
     ----------
     stage : str
-        Name of the rule and its script.
+        Name of the rule, and of its script.
     wildcards : dict of str to str
-        Wildcards that identify this output among those of the stage.
+        Values of the wildcards, which tell this output from the stage's other outputs.
     options : dict
         Options of the job.
     modules : dict of str to str
-        From `CodeDigests.modules`.
+        Digests of modules and versions of packages, from `CodeDigests.modules`.
     inputs : dict of str to str
-        Content digest of each input file, by its path relative to the working directory. Paths in
-        the results folder begin with `pandis.pipeline.run.job.stored.RESULTS`.
+        Content digest of each input file, by its path relative to the working directory. In paths,
+        `pandis.pipeline.run.job.stored.RESULTS` stands for the results folder.
     """
     return {
         "stage": stage,

@@ -214,7 +214,7 @@ class Trainer:
         return result
 
     def _until(self, steps, seconds, report, *, interrupted):
-        """Take steps to the end of the budget; return a note with the last loss and error."""
+        """Train until the budget is used up; return a note of the last measured loss and error."""
         start, saved = time.monotonic() - self.elapsed, time.monotonic()
         every = max(1, steps // CURVE_POINTS) if steps else 50
         note = ""
