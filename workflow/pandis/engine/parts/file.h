@@ -273,7 +273,9 @@ PANDIS__ONCE PANDIS_API pandis_error pandis_open_file(pandis_field *field, const
     if (!file) return error;
     if (!fseek(file, 0, SEEK_END)) {
         long size = ftell(file);
-        void *data = size > 0 ? malloc((size_t)size) : NULL;
+        rewind(file);
+        /* a directory may have a size, but nothing can be read from it */
+        void *data = size > 0 && fgetc(file) != EOF ? malloc((size_t)size) : NULL;
         rewind(file);
         if (data && fread(data, 1, (size_t)size, file) == (size_t)size)
             error = pandis_open(field, data, (size_t)size);
