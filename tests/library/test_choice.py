@@ -94,7 +94,7 @@ def without(monkeypatch, *names):
 
 @pytest.fixture
 def untrained(monkeypatch):
-    def trained(*arguments):
+    def trained(*arguments, **options):
         raise AssertionError("a network was trained")
 
     monkeypatch.setattr("pandis.pipeline.kinds.network.choice.narrowest", trained)

@@ -49,7 +49,7 @@ def test_a_wrong_answer_is_not_reported(monkeypatch, tmp_path):
     path.write_bytes(export_network("net", held, {}, log=print))
     mesh = Artifact("mesh", {}, UNIT.attributes())
     wrong = np.full(10, -0.1), np.tile([0.0, 0, 1], (10, 1)), np.ones(5)
-    monkeypatch.setattr(libtorch, "ask", lambda *_: wrong)
+    monkeypatch.setattr(libtorch, "ask", lambda *_, **__: wrong)
     with pytest.raises(PandisError, match=r"set timing\.libtorch to false"):
         timing.time_program(
             path.with_suffix(".pt2"),

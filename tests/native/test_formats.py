@@ -148,8 +148,8 @@ def test_a_volume_whose_deep_inside_is_outside_is_refused(files, monkeypatch):
     monkeypatch.setattr(volumes, "ALONG", 400)
     leaves = volumes.leaves
 
-    def without_inside(*asked):
-        return leaves(*asked)._replace(inside=lambda voxels: np.zeros(len(voxels), bool))
+    def without_inside(*asked, **options):
+        return leaves(*asked, **options)._replace(inside=lambda voxels: np.zeros(len(voxels), bool))
 
     monkeypatch.setattr(volumes, "leaves", without_inside)
     with pytest.raises(PandisError, match="disagrees with the field about inside"):
@@ -168,8 +168,8 @@ def test_what_is_too_thin_for_voxels_is_left_out(files, monkeypatch):
 def test_a_volume_that_is_wrong_in_one_place_is_refused(fault, files, monkeypatch):
     leaves = volumes.leaves
 
-    def wrong(*asked):
-        made = leaves(*asked)
+    def wrong(*asked, **options):
+        made = leaves(*asked, **options)
         if fault == "value":
             at = np.argwhere(made.active)[len(made.values)]
             made.values[tuple(at)] *= -1

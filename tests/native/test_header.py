@@ -707,7 +707,7 @@ def test_a_broken_sixteen_bit_export_is_refused(fields, meshes, monkeypatch):
     field = fields["gradient"]
     data = native_bytes(field, {}, 16)
     broken = resealed(data, section(data, b"SCAL"), "<f", 0.1)
-    monkeypatch.setattr("pandis.pipeline.kinds.native.pack", lambda *_: broken)
+    monkeypatch.setattr("pandis.pipeline.kinds.native.pack", lambda *_, **__: broken)
     with pytest.raises(pandis.base.errors.PandisError, match="differs from its field"):
         export_native(
             field,
@@ -724,7 +724,7 @@ def test_an_export_that_differs_from_its_field_is_refused(fields, meshes, monkey
     data = native_bytes(field, {})
     at = section(data, b"BIAS")
     broken = resealed(data, at, "<f", 3.0)
-    monkeypatch.setattr("pandis.pipeline.kinds.native.pack", lambda *_: broken)
+    monkeypatch.setattr("pandis.pipeline.kinds.native.pack", lambda *_, **__: broken)
     with pytest.raises(pandis.base.errors.PandisError, match="differs from its field"):
         export_native(field, Body.open(meshes["exact"]), NativeOptions(), provenance={}, log=print)
 

@@ -108,7 +108,7 @@ def ball(most, monkeypatch, shell=False):
         faces = np.concatenate([faces, faces[:, ::-1] + len(vertices)])
         vertices = np.concatenate([vertices, 0.98 * vertices])
     body = Body(0.9 * vertices, faces, UNIT)
-    monkeypatch.setattr("pandis.pipeline.kinds.exact.file.least_limit", lambda *given: most)
+    monkeypatch.setattr("pandis.pipeline.kinds.exact.file.least_limit", lambda *given, **_: most)
     return NativeField(export.native_bytes(ExactField("exact", body), {})), body
 
 

@@ -84,7 +84,7 @@ def test_it_comes_back_and_the_field_that_lends_its_faces_stays(mesh):
 def test_of_random_vertices_far_apart_nothing_is_cut(mesh, monkeypatch):
     """The worst a refit can get: boxes that all overlap, for which the limit was not made."""
     _, frame, vertices, faces = mesh
-    monkeypatch.setattr("pandis.pipeline.kinds.exact.file.least_limit", lambda *given: 300)
+    monkeypatch.setattr("pandis.pipeline.kinds.exact.file.least_limit", lambda *given, **_: 300)
     field = fresh(frame, vertices, faces)
     shape = np.random.default_rng(1).uniform(vertices.min(), vertices.max(), vertices.shape)
     moving = field.moving()

@@ -295,8 +295,8 @@ def simplify(vertices, faces, count):
     """Reduce to ``count`` faces by quadrics (Garland & Heckbert 1997), through libigl."""
     import igl
 
-    columns = np.asfortranarray(vertices, np.float64), np.asfortranarray(faces, np.int32)
-    simple, left, *_ = igl.qslim(*columns, count)
+    vertices, faces = np.asfortranarray(vertices, np.float64), np.asfortranarray(faces, np.int32)
+    simple, left, *_ = igl.qslim(vertices, faces, count)
     return simple, left
 
 
