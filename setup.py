@@ -15,11 +15,6 @@ sys.path.insert(0, str(Path(__file__).parent / "workflow"))
 from pandis.base.errors import PandisError
 from pandis.engine.compiler import prebuild
 
-#: Files and folders beside the library that a run needs.
-WORKFLOW = (
-    "workflow/Snakefile", "workflow/envs", "workflow/profiles", "workflow/report",
-    "workflow/schemas", "rules", "scripts", "config",
-)  # fmt: skip
 #: Minor version of glibc 2.17, the newest that a manylinux2014 wheel may need.
 OLDEST = 17
 
@@ -55,10 +50,9 @@ class BuildPy(build_py):
         """Copy the Snakefile and everything that it needs, in the layout of a checkout."""
         here, there = Path(__file__).parent, Path(self.build_lib) / "pandis/snakemake"
         shutil.rmtree(there, ignore_errors=True)
-        for name in WORKFLOW:
-            copy = shutil.copytree if (here / name).is_dir() else shutil.copy
-            (there / name).parent.mkdir(parents=True, exist_ok=True)
-            copy(here / name, there / name)
+        ignore = shutil.ignore_patterns("__pycache__", "pandis", "*.egg-info")
+        for name in ("workflow", "rules", "scripts", "config"):
+            shutil.copytree(here / name, there / name, ignore=ignore)
 
 
 class Wheel(bdist_wheel):

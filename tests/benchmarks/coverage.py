@@ -6,7 +6,7 @@ source, in a cache of its own, and what ran is summed up over all that was compi
 copies for several processors and inlined ones. Printed are the share of outcomes taken in pandis.h,
 the contacts, the guard and the client, and the lines with conditions that were never true or never
 false, with the reason where one is known. Processes that raise a signal count before; those that
-are killed count nothing; the workers of pytest-xdist are, so -n is refused. Without TEST it is
+are killed count nothing. The workers of pytest-xdist may be, so -n is refused. Without TEST it is
 tests/native, and what else asks fields.
 """
 
@@ -111,7 +111,7 @@ def _add(function, outcomes):
 
 def main(tests):
     if any(word.startswith("-n") for word in tests):
-        sys.exit("error: pytest-xdist ends its workers before they have written their counts")
+        sys.exit("error: leave out -n: workers may end before they have written their counts")
     found = counted(tests or TESTS)
     for name in FILES:
         branches = found.get(name)

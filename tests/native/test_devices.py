@@ -281,7 +281,10 @@ def run(stand_in, files, monkeypatch):
 
 def test_a_run_on_the_stand_in(run):
     """Begun and ended, the force in newtons, and never said to be a device's."""
-    session, seen = run(name="Default Device")
+    for _ in range(5):  # other programs may hold ticks up, and then the ramp takes longer
+        session, seen = run(name="Default Device")
+        if in_time := session.since[1:].max() < 2e-3:
+            break
     assert (session.cause, session.code) == (hdapi.DONE, 0)
     assert session.stand_in
     assert session.model == "stand-in"
@@ -297,7 +300,7 @@ def test_a_run_on_the_stand_in(run):
     sizes = np.linalg.norm(session.force, axis=1)[late]
     whole = STIFFNESS * np.maximum(depth, 0)[late]
     assert (sizes <= whole + 1e-9).all()
-    if session.since[1:].max() < 2e-3:  # else the ramp takes longer
+    if in_time:
         assert sizes == pytest.approx(whole, abs=1e-9)
     assert session.report.rate == pytest.approx(1000)
     assert session.report.force == pytest.approx(3.3)

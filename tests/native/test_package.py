@@ -198,6 +198,11 @@ def test_the_wheel_is_small_and_for_all_linux_systems(package):
     assert not any(name.startswith(("build", "tests")) for name in names)
 
 
+def test_a_checkout_names_its_own_workflow(capsys):
+    assert main(["snakefile"]) == 0
+    assert capsys.readouterr().out == f"{ROOT / 'workflow/Snakefile'}\n"
+
+
 @pytest.mark.slow
 def test_the_installed_workflow_makes_what_a_checkout_makes(package, tmp_path):
     """Without a checkout: the same bytes, from the Snakefile that the command names."""
