@@ -28,6 +28,8 @@ NEAR, DEEP = 0.05, 0.05
 SLANT = 0.1
 #: Seconds for which a proxy may go too slowly; after how many more it is left behind.
 DUE, LATER = 0.05, 2.0
+#: A straight way is free if the probe goes nowhere this much (mm) deeper than at its beginning.
+GRAZED, ALONG = 1e-3, 20_001
 #: Few looks per second excuse a slow proxy: it has to go this far (m) for each look, and `DUE` is
 #: the time of this many looks, if that is longer.
 STRIDE, LOOKS = 4e-6, 600
@@ -286,11 +288,20 @@ def overdue(own, followed, looks):
     return late
 
 
+def is_free(own, one):
+    """Return whether a probe could go straight from its proxy to where it is."""
+    share = np.linspace(0, 1, ALONG)[:, None]
+    proxy = one.proxies[-1][-1]
+    height = own(proxy + share * (one.probe - proxy))[0] - one.radius
+    return bool(height.min() >= min(0, height[0]) - GRAZED * MM)
+
+
 def judge(field, kind, solid, ways, largest):
     """Return a `Counter` of what came of ways on one field, and how far (mm) the worst is left."""
     own = solid.distance if kind == "exact" else lambda points: field.query(points)[:2]
     seen, followed = Counter(ways=len(ways)), [Followed(field, way, largest) for way in ways]
     slow = overdue(own, followed, looks=False)
+    seen["held"] = sum(is_free(own, one) for one in slow)
     late = overdue(own, slow, looks=True) if slow else []
     for one in late:
         one.rest(LATER)
@@ -306,6 +317,7 @@ def judge(field, kind, solid, ways, largest):
 
 def told(seen):
     """Return a line of what came of ways."""
-    words = {"left": "left behind", "late": "late", "slow": "slow", "passes": "passes"}
+    words = {"left": "left behind", "held": "held on a free way", "late": "late", "slow": "slow"}
+    words["passes"] = "passes"
     words["bounds"] = "over a bound"
     return f"{seen['ways']} ways, " + ", ".join(f"{seen[k]} {word}" for k, word in words.items())

@@ -5,6 +5,7 @@ from dataclasses import replace
 from functools import cache
 from itertools import islice
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -21,7 +22,7 @@ from pandis.base.frame import Frame
 from pandis.pipeline.geometry.body import Body
 from pandis.runtime.contact import NativeContact
 from pandis.runtime.scene import Placed
-from ways import MM, SHAPES, draw, judge
+from ways import MM, SHAPES, draw, is_free, judge
 
 #: Takes long: `make test-slow`.
 pytestmark = pytest.mark.slow
@@ -55,9 +56,27 @@ def test_a_proxy_always_comes_along(kind, name):
     field = field_of(body, kind)
     ways = draw(solid, (places, turn, frame), COUNT, rng)
     seen, worst = judge(field, kind, solid, ways, KINDS[kind][0])
-    assert seen["left"] == seen["late"] == 0, worst
+    assert seen["held"] == seen["left"] == seen["late"] == 0, worst
     assert seen["passes"] == seen["bounds"] == 0
     assert seen["slow"] <= COUNT / 10
+
+
+def test_a_proxy_that_stays_on_a_free_way_is_seen():
+    """A proxy that is held in free air counts, however few looks it has; one at a wall does not."""
+    box = trimesh.creation.box((1.0, 1.0, 1.0))
+    solid = Solid(np.array(box.vertices), np.asarray(box.faces, np.int32))
+    on_top = np.array([0.1, 0.1, 0.5])
+    away = SimpleNamespace(proxies=[on_top[None]], probe=on_top + (0.2, 0, 0.1), radius=0.0)
+    assert is_free(solid.distance, away)
+    assert is_free(solid.distance, replaced(away, probe=on_top + (0.2, 0, 0)))
+    assert not is_free(solid.distance, replaced(away, probe=on_top + (0.2, 0, -0.01)))
+    assert not is_free(solid.distance, replaced(away, probe=np.array([0.7, 0.1, 0.3])))
+    assert not is_free(solid.distance, replaced(away, radius=0.01, probe=on_top - (0, 0, 0.01)))
+
+
+def replaced(one, **values):
+    """Return a copy of a namespace with other values."""
+    return SimpleNamespace(**(vars(one) | values))
 
 
 @pytest.mark.parametrize("kind", ["exact", "compact-16"])
