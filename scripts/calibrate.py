@@ -2,9 +2,9 @@
 
 from pathlib import Path
 
+from pandis.base.files import write_atomically
 from pandis.pipeline.judge.timing.calibration import calibrate
 from pandis.pipeline.run.ask.tasks import CalibrateTask
-from pandis.pipeline.run.job.artifact import write_atomically
 from pandis.pipeline.run.job.stage import stage
 
 with stage(snakemake, CalibrateTask) as job:

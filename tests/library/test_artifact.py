@@ -9,11 +9,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from pandis.base.errors import ArtifactError, PandisError
+from pandis.base.files import write_atomically
 from pandis.pipeline.run.job.artifact import (
     ArtifactWriter,
     read_artifact,
     write_artifact,
-    write_atomically,
 )
 
 ARRAYS = {

@@ -22,7 +22,8 @@ from pandis.pipeline.run.job.stage import TimedReport, silent_progress
 from pandis.pipeline.run.records.evaluation import EvaluationRecord, Figures
 from pandis.pipeline.run.records.stress import StressRecord
 from pandis.pipeline.run.records.timing import TimingRecord
-from pandis.runtime.field import SHAPE, NativeField
+from pandis.runtime.field import NativeField
+from pandis.runtime.field.constants import SHAPE
 from pandis.runtime.field.files import Parts, pack
 from pandis.runtime.servo import run_ticks
 from support import box_mesh

@@ -23,7 +23,7 @@ from pandis.pipeline.kinds.spline.lattices import SplineFit, samples_for
 from pandis.pipeline.run.ask.catalogue import parse_field
 from pandis.pipeline.run.ask.options import NativeOptions
 from pandis.pipeline.run.job.stage import silent_progress
-from pandis.runtime.field import RULES
+from pandis.runtime.field.constants import RULES
 from support import artifact
 
 #: A frame that is not the unit frame, so that forgetting it shows.

@@ -11,7 +11,8 @@ from pandis.pipeline.kinds.compact.file import file_parts
 from pandis.pipeline.kinds.compact.packing import pack_body
 from pandis.pipeline.kinds.field import ExactField
 from pandis.pipeline.kinds.native import native_bytes
-from pandis.runtime.field import SHAPES, NativeField
+from pandis.runtime.field import NativeField
+from pandis.runtime.field.constants import SHAPES
 from pandis.runtime.field.files import pack
 
 EYE = np.eye(3)

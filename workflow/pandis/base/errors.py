@@ -9,5 +9,33 @@ class PandisError(Exception):
     """
 
 
+class ConfigError(PandisError):
+    """A configuration has faults.
+
+    Attributes
+    ----------
+    faults : dict of str to str
+        Messages by dotted path.
+    """
+
+    def __init__(self, message: str, faults: dict[str, str]) -> None:
+        super().__init__(message)
+        self.faults = faults
+
+
+class RepairError(PandisError):
+    """A mesh cannot be repaired as asked.
+
+    Attributes
+    ----------
+    option : dict
+        Options of `mesh` with which to try again; empty if none would help.
+    """
+
+    def __init__(self, message: str, **option: object) -> None:
+        super().__init__(message)
+        self.option = option
+
+
 class ArtifactError(PandisError):
     """An artifact is missing, damaged or of a kind that its reader does not expect."""

@@ -5,7 +5,16 @@ import numpy as np
 from pandis.base.errors import PandisError
 from pandis.base.frame import UNIT_SIDE
 from pandis.runtime.contact import NativeContact
-from pandis.runtime.field import COMPACT, GRID, MESH, NETWORK, RULES, SHAPE, SHAPES, SPLINE
+from pandis.runtime.field.constants import (
+    COMPACT,
+    GRID,
+    MESH,
+    NETWORK,
+    RULES,
+    SHAPE,
+    SHAPES,
+    SPLINE,
+)
 from pandis.runtime.field.files import read_contents
 from pandis.runtime.scene import Placed
 

@@ -4,7 +4,8 @@ import numpy as np
 
 from pandis.base.errors import PandisError
 from pandis.base.frame import Frame
-from pandis.runtime.field import SHAPE, SHAPES, NativeField, Number
+from pandis.runtime.field import NativeField, Number
+from pandis.runtime.field.constants import SHAPE, SHAPES
 from pandis.runtime.field.files import Parts, pack
 
 #: Default sizes by shape (docs/format.md), mesh units.

@@ -12,7 +12,7 @@ import numpy as np
 from pandis.base.errors import PandisError
 from pandis.bridges.arrays.networks import network
 from pandis.bridges.arrays.splines import spline
-from pandis.runtime.field import NETWORK, SPLINE
+from pandis.runtime.field.constants import NETWORK, SPLINE
 from pandis.runtime.field.files import read_contents
 
 _KINDS = {SPLINE: spline, NETWORK: network}

@@ -9,7 +9,8 @@ import numpy as np
 from pandis.base.errors import ArtifactError, PandisError
 from pandis.base.obj import obj_text
 from pandis.bridges.mujoco import NAME
-from pandis.runtime.field import MESH, NativeField
+from pandis.runtime.field import NativeField
+from pandis.runtime.field.constants import MESH
 from pandis.runtime.field.files import read_contents
 from pandis.runtime.scene import Placed
 

@@ -9,7 +9,7 @@ from os import PathLike
 from typing import Any
 
 from pandis.base.errors import PandisError
-from pandis.runtime.field import COMPACT, NETWORK, SPLINE
+from pandis.runtime.field.constants import COMPACT, NETWORK, SPLINE
 from pandis.runtime.field.files import read_contents
 
 try:

@@ -3,7 +3,7 @@
 import numpy as np
 import warp as wp
 
-from pandis.runtime.field import COMPACT, NETWORK, SPLINE
+from pandis.runtime.field.constants import COMPACT, NETWORK, SPLINE
 
 #: Half the longest side, in the unit frame. The lattice begins at -HALF.
 HALF = 0.9

@@ -4,7 +4,8 @@ from itertools import product
 
 import numpy as np
 
-from pandis.runtime.field import MESH, NativeField
+from pandis.runtime.field import NativeField
+from pandis.runtime.field.constants import MESH
 from pandis.runtime.field.files import read_contents
 
 #: Cells along each axis of the box, and along a block.

@@ -2,7 +2,8 @@
 
 from pandis.base.frame import UNIT
 from pandis.pipeline.kinds.field import Answer, Field
-from pandis.runtime.field import NETWORK, SHAPE, NativeField
+from pandis.runtime.field import NativeField
+from pandis.runtime.field.constants import NETWORK, SHAPE
 
 
 class ExportedField(Field):

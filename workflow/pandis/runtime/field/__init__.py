@@ -10,9 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pandis.base.errors import ArtifactError
+from pandis.base.files import write_new
 from pandis.base.frame import Frame
 from pandis.engine.threads import SMALL, in_threads
 from pandis.runtime.field.binding import library
+from pandis.runtime.field.constants import BEYOND, CACHES, CUT, GRID, NETWORK
 from pandis.runtime.field.pickles import reopened, stamp
 from pandis.runtime.field.points import as_rows
 
@@ -23,23 +25,12 @@ if TYPE_CHECKING:
 else:
     ArrayLike = object  # NumPy accepts more than numpy.typing.ArrayLike allows
 
-#: Kinds of fields, as numbered in docs/format.md.
-NETWORK, GRID, SPLINE, MESH, SHAPE, COMPACT = 1, 2, 3, 4, 5, 6
-#: Flags of an answer whose search was cut short (see `pandis.h`), and of a point with no surface
-#: within reach (see `NativeField.query_within`).
-CUT, BEYOND = 3, 4
-#: Interpolation rules of grids.
-RULES = ("nearest", "trilinear", "trilinear-normal", "trilinear-gradient", "tricubic")
-#: Closed forms, in the order of their numbers.
-SHAPES = ("sphere", "torus", "box", "capsule")
 #: Arrays of C doubles.
 Floats = NDArray[np.float64]
 #: Real number; includes int, which run-time type checkers do not accept as float.
 Number = float | int
 #: Sources of a field: a path, or a file's bytes.
 Source = str | PathLike[str] | bytes
-#: Bytes written between queries to empty the caches: more than a core's caches can hold.
-CACHES = 1 << 26
 #: Fewer network queries than this are not worth a second thread.
 _FEW = 64
 
@@ -151,6 +142,19 @@ class NativeField:
             return NativeField, (self._bytes.tobytes(),)
         return reopened, (self.path.absolute(), self._stamp)
 
+    def save(self, path: str | PathLike[str], force: bool = False) -> None:
+        """Write the field's ``.pandis`` file.
+
+        Raises
+        ------
+        PandisError
+            The file exists (and not ``force``), or cannot be written.
+        """
+        if self._lender is not None:
+            raise TypeError(f"{self.path}: save the field that this one was made from")
+        data = self.path.read_bytes() if self._bytes is None else self._bytes.tobytes()
+        write_new(path, data, force=force)
+
     def placed(self, frame: Frame) -> "NativeField":
         """Return this field as if its mesh had other units and another position.
 
@@ -235,22 +239,20 @@ class NativeField:
         Available for exact meshes, and for compact ones with ``export.original_faces``; -1 for
         other fields and where there is no answer.
         """
-        points = as_rows(points)
-        faces = np.empty(len(points), np.int32)
-        self._library.runtime_faces(self._field, points.ctypes.data, len(points), faces.ctypes.data)
-        return faces
+        return self._numbers(self._library.runtime_faces, points)
 
     def regions(self, points: ArrayLike) -> NDArray[np.int32]:
         """Return the regions (n,) of the surface closest to points (n, 3); -1 where unknown.
 
         Known for exact and compact meshes whose source file names materials.
         """
+        return self._numbers(self._library.runtime_regions, points)
+
+    def _numbers(self, ask, points):
         points = as_rows(points)
-        regions = np.empty(len(points), np.int32)
-        self._library.runtime_regions(
-            self._field, points.ctypes.data, len(points), regions.ctypes.data
-        )
-        return regions
+        numbers = np.empty(len(points), np.int32)
+        ask(self._field, points.ctypes.data, len(points), numbers.ctypes.data)
+        return numbers
 
     @property
     def region_names(self) -> tuple[str, ...]:

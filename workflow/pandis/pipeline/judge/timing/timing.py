@@ -12,7 +12,8 @@ from pandis.pipeline.kinds.check import FORCE
 from pandis.pipeline.kinds.session import Session
 from pandis.pipeline.run.job.machine import describe
 from pandis.pipeline.run.records.timing import TimingRecord
-from pandis.runtime.field import CACHES, NativeField
+from pandis.runtime.field import NativeField
+from pandis.runtime.field.constants import CACHES
 
 #: BRUTE names the exact field without a tree, the paper's ground truth: a query visits every face.
 #: BRUTE_COUNTS are its numbers of single queries, points per batch, and batches.

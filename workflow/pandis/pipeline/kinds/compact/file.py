@@ -6,7 +6,7 @@ from pandis.engine.packing import BLOCK_BYTES, BRANCH_BYTES
 from pandis.pipeline.kinds.check import check_nearest
 from pandis.pipeline.kinds.compact.packing import find_originals
 from pandis.pipeline.kinds.native import FieldFile, regions_of
-from pandis.runtime.field import COMPACT
+from pandis.runtime.field.constants import COMPACT
 from pandis.runtime.field.files import Parts
 
 

@@ -7,7 +7,8 @@ from pandis.pipeline.geometry.distance import ShapeDistance
 from pandis.pipeline.kinds.check import check_nearest
 from pandis.pipeline.kinds.limits import least_limit
 from pandis.pipeline.kinds.native import FieldFile, regions_of
-from pandis.runtime.field import MESH, SHAPE, SHAPES, NativeField
+from pandis.runtime.field import NativeField
+from pandis.runtime.field.constants import MESH, SHAPE, SHAPES
 from pandis.runtime.field.files import Parts
 
 #: Maximum number of nodes, leaves and faces that a query visits: about a tenth of a tick's time,

@@ -6,7 +6,7 @@ from pandis.base.errors import PandisError
 from pandis.pipeline.kinds.axes import Axes
 from pandis.pipeline.kinds.check import FORCE_LENGTH
 from pandis.pipeline.kinds.native import FieldFile
-from pandis.runtime.field import GRID, RULES
+from pandis.runtime.field.constants import GRID, RULES
 from pandis.runtime.field.files import Parts
 
 

@@ -7,7 +7,8 @@ import numpy as np
 from pandis.base.forces import penalty_force
 from pandis.pipeline.kinds.check import check_points
 from pandis.pipeline.kinds.native import FieldFile
-from pandis.runtime.field import NETWORK, NativeField
+from pandis.runtime.field import NativeField
+from pandis.runtime.field.constants import NETWORK
 from pandis.runtime.field.files import Parts
 
 #: Number of lanes in which a sum is computed; rows of weights are padded to a multiple of it.

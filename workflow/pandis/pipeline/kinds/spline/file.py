@@ -1,7 +1,7 @@
 """The file of a spline: its three lattices as they were fitted."""
 
 from pandis.pipeline.kinds.native import FieldFile
-from pandis.runtime.field import SPLINE
+from pandis.runtime.field.constants import SPLINE
 from pandis.runtime.field.files import Parts
 
 

@@ -11,19 +11,18 @@ with ``zarr.open_group(zarr.storage.ZipStore(path, mode="r"))``. On top of zarr:
   and the provenance (see `pandis.pipeline.run.job.provenance`).
 """
 
-import errno
 import hashlib
 import json
 import os
 import zipfile
 from collections.abc import Mapping
-from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
 
-from pandis.base.errors import ArtifactError, PandisError
+from pandis.base.errors import ArtifactError
+from pandis.base.files import AtomicFile
 
 SCHEMA = 1
 _STAMP = (1980, 1, 1, 0, 0, 0)
@@ -127,7 +126,7 @@ class ArtifactWriter:
 
         self._store = MemoryStore()
         self._group = zarr.create_group(self._store, zarr_format=3)
-        self._file = _AtomicFile(self.path)
+        self._file = AtomicFile(self.path)
         self._zip = zipfile.ZipFile(self._file.open(), "w", zipfile.ZIP_STORED)
         return self
 
@@ -202,7 +201,7 @@ class ArtifactWriter:
         self._drain(metadata=True)
         self._zip.comment = b" " * _COMMENT
         self._zip.close()
-        self._file.seal()
+        _seal(self._file.stream)
         self._file.keep()
         return digest
 
@@ -225,81 +224,18 @@ class _Growing:
         self.total = stored.shape[0] if stored.shape else 1
 
 
-class _AtomicFile:
-    """A file that is written under a temporary name and renamed once it is whole and on disk."""
-
-    def __init__(self, path):
-        self.path = Path(path)
-        self.part = self.path.with_name(f".{self.path.name}.part")
-        self.stream = None
-
-    def open(self):
-        """Open a temporary file and return the stream to write to."""
-        try:
-            self.path.parent.mkdir(parents=True, exist_ok=True)
-            self.stream = self.part.open("w+b")
-        except OSError as error:
-            raise self.explain(error) from error
-        return self.stream
-
-    def seal(self):
-        """Replace the comment at the end with the checksum of everything before it."""
-        self.stream.flush()
-        left = self.stream.seek(0, os.SEEK_END) - _COMMENT
-        self.stream.seek(0)
-        digest = hashlib.sha256()
-        while left:
-            block = self.stream.read(min(left, 1 << 20))
-            digest.update(block)
-            left -= len(block)
-        self.stream.seek(-_COMMENT, os.SEEK_END)
-        self.stream.write(_MARK + digest.hexdigest().encode())
-
-    def keep(self):
-        """Move the file into place once it is on disk."""
-        self.stream.flush()
-        os.fsync(self.stream.fileno())
-        self.stream.close()
-        self.part.replace(self.path)
-        folder = os.open(self.path.parent, os.O_RDONLY)
-        try:
-            os.fsync(folder)
-        finally:
-            os.close(folder)
-
-    def discard(self):
-        """Remove the temporary file, if there is one."""
-        if self.stream and not self.stream.closed:
-            with suppress(OSError):  # closing flushes, which fails again on a full disk
-                self.stream.close()
-        self.part.unlink(missing_ok=True)
-
-    def explain(self, error):
-        """Return a PandisError that describes an error and says what to do."""
-        full = error.errno in (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
-        return PandisError(
-            f"{self.path}: cannot write: {error.strerror or error}; "
-            + ("free some space" if full else "check the folder's permissions")
-            + " and run the same command again"
-        )
-
-
-def write_atomically(path, data):
-    """Write ``data`` (bytes) to ``path`` in one step, completely or not at all.
-
-    Raises
-    ------
-    PandisError
-        The disk is full or the folder is not writable.
-    """
-    file = _AtomicFile(path)
-    try:
-        file.open().write(data)
-        file.keep()
-    except OSError as error:
-        raise file.explain(error) from error
-    finally:
-        file.discard()
+def _seal(stream):
+    """Replace the comment at the end of a zip file with the checksum of everything before it."""
+    stream.flush()
+    left = stream.seek(0, os.SEEK_END) - _COMMENT
+    stream.seek(0)
+    digest = hashlib.sha256()
+    while left:
+        block = stream.read(min(left, 1 << 20))
+        digest.update(block)
+        left -= len(block)
+    stream.seek(-_COMMENT, os.SEEK_END)
+    stream.write(_MARK + digest.hexdigest().encode())
 
 
 def read_artifact(path, kind=None):
