@@ -14,7 +14,7 @@ except ModuleNotFoundError as error:
         "the repository (git submodule add) and give the path of the clone's Snakefile"
     ) from None
 from pandis.pipeline.run.ask.catalogue import MESH_NAME
-from pandis.pipeline.run.plan.plan import open_plan
+from pandis.pipeline.run.plan.opening import open_plan
 
 # the Snakefile's folder, even if another workflow includes this one as a module
 folder = Path(workflow.current_basedir).parent / "workflow"

@@ -9,14 +9,15 @@ import sys
 from pathlib import Path
 
 from pandis.base.errors import PandisError
+from pandis.base.files import write_atomically
 from pandis.engine.threads import thread_count
 from pandis.pipeline.check.verification import Checker
 from pandis.pipeline.report import collection
 from pandis.pipeline.report.page import build, mesh_sections
 from pandis.pipeline.report.seal import seal
 from pandis.pipeline.report.tables import summarise, to_csv
-from pandis.pipeline.run.host.ending import partial_note
-from pandis.pipeline.run.job.artifact import read_artifact, write_atomically
+from pandis.pipeline.run.host.ending import last_error, partial_note
+from pandis.pipeline.run.job.artifact import read_artifact
 from pandis.pipeline.run.job.stage import INTERRUPTED, silent_progress
 from pandis.pipeline.run.plan.plan import Plan
 
@@ -94,12 +95,7 @@ def last_words(plan, mesh):
     logs = sorted(
         Path(plan.folder, "logs", mesh).glob("*.log"), key=lambda path: path.stat().st_mtime
     )
-    for path in reversed(logs):
-        text = path.read_text(encoding="utf-8", errors="replace")
-        _, mark, words = text.rpartition("] error: ")
-        if mark:
-            return words.strip()
-    return ""
+    return next(filter(None, map(last_error, reversed(logs))), "")
 
 
 def main():

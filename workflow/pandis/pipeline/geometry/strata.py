@@ -15,7 +15,15 @@ from pandis.pipeline.geometry.sampling import PROBE_DEPTHS
 from pandis.pipeline.run.ask.options import SampleOptions
 from pandis.pipeline.run.records.samples import SamplesRecord
 
-STRATA = ("surface", "offset", "shallow", "penetration", "bent", "core", "box", "held-out")
+STRATA = (
+    "surface", "offset", "shallow", "penetration", "bent", "core", "box", "held-out", "near",
+    "volume",
+)  # fmt: skip
+#: Number of each stratum's random stream. Fresh points have the numbers from `_FRESH` on.
+_STREAMS = dict(zip(STRATA, (*range(8), 16, 17), strict=True))
+_FRESH = 8
+#: Half of how much larger than the mesh's bounding box the box of `volume` is, unit frame.
+MARGIN = 0.1
 #: Depth range (unit frame) of the shallow stratum: from just outside the surface to below the
 #: shallow probes.
 SHALLOW = (-0.001, 0.0115)
@@ -64,6 +72,8 @@ class Strata:
             "core": options.core,
             "box": options.box,
             "held-out": options.held_out,
+            "near": options.near,
+            "volume": options.volume,
         }
         ends = np.cumsum([0, *(counts[name] for name in STRATA)]).tolist()
         self.ranges = {name: [ends[k], ends[k + 1]] for k, name in enumerate(STRATA)}
@@ -112,7 +122,7 @@ class Strata:
         report, done = progress("points", self.count), 0
         for index, (name, (low, high)) in enumerate(self.ranges.items()):
             for shard, start in enumerate(range(0, high - low, SHARD)):
-                rng = generator(self.seed, index, shard)
+                rng = generator(self.seed, _STREAMS[name], shard)
                 size = min(SHARD, high - low - start)
                 yield self._label(index, self._draw(name, rng, start, size=size, total=high - low))
                 done += size
@@ -141,10 +151,10 @@ class Strata:
             Points, distances, normals; unit frame.
         """
         drawn, trained = {}, self.count - self.options.held_out
-        for index, (name, (low, high)) in enumerate(self.ranges.items()):
+        for name, (low, high) in self.ranges.items():
             count = round(size * (high - low) / trained)
             if name != "held-out" and count:
-                rng = generator(self.seed, len(STRATA) + index, block)
+                rng = generator(self.seed, _FRESH + _STREAMS[name], block)
                 drawn[name] = self._draw(name, rng, 0, size=count, total=count)
         # label all at once, because a GPU is slow on small batches
         points = np.concatenate([of[0] for of in drawn.values()]).astype(np.float32)
@@ -160,13 +170,18 @@ class Strata:
     def _draw(self, stratum, rng, start, *, size, total):
         """Return points, offsets along the normal, faces and barycentrics."""
         options, index = self.options, start + np.arange(size)
-        if stratum == "box":
+        scale = np.array(options.scales)[index % len(options.scales)]
+        if stratum in ("box", "volume"):
+            low, high = -np.ones(3), np.ones(3)
+            if stratum == "volume":
+                corners = self.body.corners
+                low, high = corners.min(axis=0) - MARGIN, corners.max(axis=0) + MARGIN
             nowhere = np.full(size, -1, np.int32), np.zeros((size, 2), np.float32)
-            return rng.uniform(-1, 1, (size, 3)), np.zeros(size), *nowhere
-        if stratum == "surface":
+            return rng.uniform(low, high, (size, 3)), np.zeros(size), *nowhere
+        if stratum in ("surface", "near"):
             offset = np.zeros(size)
         elif stratum == "offset":
-            offset = rng.normal(0, np.array(options.scales)[index % len(options.scales)])
+            offset = rng.normal(0, scale)
         elif stratum == "shallow":
             offset = -rng.uniform(*SHALLOW, size)
         elif stratum == "held-out":
@@ -179,6 +194,8 @@ class Strata:
         points, normals, face, barycentrics = drawn
         if stratum == "core":
             offset = -(options.depth ** (1 - offset)) * _way(points, -normals) ** offset
+        if stratum == "near":
+            points = points + scale[:, None] * rng.normal(0, 1, (size, 3))
         return points + offset[:, None] * normals, offset, face, barycentrics
 
     def _label(self, index, drawn):

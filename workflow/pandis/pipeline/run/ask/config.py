@@ -12,8 +12,9 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, Field, WithJsonSchema, field_validator, model_validator
 
-from pandis.pipeline.run.ask.catalogue import MESH_NAME, in_order
+from pandis.pipeline.run.ask.catalogue import MESH_NAME, in_order, parse_field
 from pandis.pipeline.run.ask.contacts import ContactOptions, SurfaceOptions
+from pandis.pipeline.run.ask.kind import AUTO
 from pandis.pipeline.run.ask.kinds import KINDS
 from pandis.pipeline.run.ask.options import (
     BakeOptions,
@@ -31,6 +32,8 @@ from pandis.pipeline.run.ask.recipes import RECIPES, ExactRecipe, PaperRecipe
 from pandis.pipeline.run.ask.targets import BudgetOptions, DeviceOptions
 from pandis.pipeline.run.ask.values import Angle, Options, Place, Positive
 
+#: Fewest points on which a network's error is measured.
+LEAST_HELD_OUT = 100
 _NAMES = {"type": "array", "items": {"type": "string"}, "minItems": 1}
 FieldNames = Annotated[
     list[str], Field(min_length=1), WithJsonSchema({"anyOf": [{"type": "string"}, _NAMES]})
@@ -100,6 +103,18 @@ class StageOptions(Options):
     def _in_order(self):
         with suppress(ValueError):  # an invalid field name is reported separately
             self.fields = in_order(self.fields, self.train)
+        return self
+
+    @model_validator(mode="after")
+    def _networks_need_points(self):
+        try:
+            specs = [parse_field(name, self.train) for name in self.fields]
+        except ValueError:
+            return self  # an invalid field name is reported separately
+        learned = any(spec.kind == AUTO or (spec.through or spec).learned for spec in specs)
+        for name, least in ("surface", 1), ("held_out", LEAST_HELD_OUT):
+            if learned and getattr(self.samples, name) < least:
+                raise ValueError(f"samples.{name}: networks need at least {least}")
         return self
 
     @field_validator("fields", mode="before")
@@ -196,7 +211,9 @@ class SceneOptions(Options):
     )
 
 
-FOLDER = r"[A-Za-z0-9_][A-Za-z0-9._-]*(/[A-Za-z0-9_][A-Za-z0-9._-]*)*"
+FOLDER = r"/?[A-Za-z0-9_][A-Za-z0-9._-]*(/[A-Za-z0-9_][A-Za-z0-9._-]*)*"
+#: Options of the whole file, which no mesh overrides.
+APART = ("meshes", "scenes", "results", "until", "pathvars")
 ResultsFolder = Annotated[str, Field(pattern=f"^{FOLDER}$")]
 MeshName = Annotated[str, Field(pattern=f"^{MESH_NAME}$")]
 
@@ -206,14 +223,15 @@ class Config(StageOptions):
 
     results: ResultsFolder = Field(
         "results",
-        description="folder of all outputs of a run, relative to the working directory; "
+        description="folder of all outputs of a run, absolute or below the working directory; "
         "configurations with separate folders do not rebuild each other's meshes",
     )
 
-    until: Literal["exports"] | None = Field(
+    until: Literal["meshes", "samples", "exports"] | None = Field(
         None,
-        description="`exports`: make only the exported files and, instead of the report, one table "
-        "of all meshes: for large collections. null: make everything",
+        description="make only the repaired `meshes`, or these and their `samples`, or everything "
+        "up to the `exports`; and, instead of the report, one table of all meshes: for large "
+        "collections. null: make everything",
     )
     meshes: Annotated[dict[MeshName, MeshEntry], Field(min_length=1)] = Field(
         description="name: {source: …, and any option above that differs for this mesh}"

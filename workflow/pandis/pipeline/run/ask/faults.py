@@ -5,7 +5,7 @@ import re
 
 from pydantic import BaseModel, ValidationError
 
-from pandis.base.errors import PandisError
+from pandis.base.errors import ConfigError
 from pandis.pipeline.run.ask.catalogue import (
     AUTO,
     EXAMPLES,
@@ -15,7 +15,7 @@ from pandis.pipeline.run.ask.catalogue import (
     is_builtin_field,
     parse_field,
 )
-from pandis.pipeline.run.ask.config import StageOptions
+from pandis.pipeline.run.ask.config import APART, StageOptions
 from pandis.pipeline.run.ask.recipes import ExactRecipe, PaperRecipe
 
 
@@ -28,13 +28,14 @@ def stage_faults(model, values):
 
 
 def raise_faults(faults):
-    """Raise a PandisError that lists all faults (messages by dotted path), if there are any."""
+    """Raise a ConfigError that lists all faults (messages by dotted path), if there are any."""
     if faults:
         lines = [f"  {key or 'config'}: {message}" for key, message in faults.items()]
-        raise PandisError(
+        raise ConfigError(
             f"the configuration has {len(lines)} fault{'s' * (len(lines) > 1)}:\n"
             + "\n".join(lines)
-            + "\nEvery option is described in config/README.md."
+            + "\nEvery option is described in config/README.md.",
+            faults,
         )
 
 
@@ -140,4 +141,4 @@ def _known_keys(model, path, fault):
         if field is None or not isinstance(field.annotation, type):
             return []
         model = field.annotation
-    return list(model.model_fields)
+    return [*model.model_fields, *(APART if model is StageOptions else ())]

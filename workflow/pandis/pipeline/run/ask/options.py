@@ -71,7 +71,7 @@ class SampleOptions(Options):
     Recipes on exact distances draw their own points, in the same proportions.
     """
 
-    surface: Count = Field(50_000, description="points on the surface")
+    surface: int = Field(50_000, ge=0, description="points on the surface")
     offsets: int = Field(
         100_000, ge=0, description="points off the surface along the normal, over all scales"
     )
@@ -94,9 +94,22 @@ class SampleOptions(Options):
         "they may end up outside",
     )
     box: int = Field(50_000, ge=0, description="points spread uniformly in the box [-1, 1]³")
-    held_out: Annotated[int, Field(ge=100)] = Field(
+    held_out: int = Field(
         20_000,
-        description="points that are never trained on: half at most 0.01 deep, half at most 0.04",
+        ge=0,
+        description="points that are never trained on: half at most 0.01 deep, half at most 0.04; "
+        "networks need at least 100",
+    )
+    near: int = Field(
+        0,
+        ge=0,
+        description="points on both sides of the surface: each coordinate of a surface point is "
+        "moved by normal noise of one of the `scales`",
+    )
+    volume: int = Field(
+        0,
+        ge=0,
+        description="points spread uniformly in the mesh's bounding box, grown by 0.1 on each side",
     )
 
 

@@ -7,7 +7,7 @@ import yaml
 
 from pandis.base.errors import PandisError
 from pandis.pipeline.run.ask.catalogue import MESH_NAME, RESERVED_NAMES
-from pandis.pipeline.run.ask.config import FOLDER, MeshEntry, StageOptions
+from pandis.pipeline.run.ask.config import APART, FOLDER, MeshEntry, StageOptions
 from pandis.pipeline.run.ask.faults import raise_faults, stage_faults
 
 
@@ -75,13 +75,13 @@ def results_folder(raw):
     Raises
     ------
     PandisError
-        The folder is not a relative path of plain names.
+        The folder is not a path of plain names.
     """
     folder = raw.get("results", "results")
     if not isinstance(folder, str) or not re.fullmatch(FOLDER, folder):
         expected = (
-            "a folder below the working directory, such as results/front; names may "
-            "contain letters, digits, . _ and -"
+            "a folder, such as results/front or /scratch/front; names may contain letters, digits, "
+            ". _ and -"
         )
         raise_faults({"results": f"{expected} (given: {folder!r})"})
     return folder
@@ -96,8 +96,8 @@ def last_target(raw):
         A run cannot end with this target, or the configuration also has scenes.
     """
     until = raw.get("until")
-    if until not in (None, "exports"):
-        raise_faults({"until": f"expected exports, or nothing (given: {until!r})"})
+    if until not in (None, "meshes", "samples", "exports"):
+        raise_faults({"until": f"expected meshes, samples, exports, or nothing (given: {until!r})"})
     if until and raw.get("scenes"):
         raise_faults({"until": "scenes build what they need and nothing else: remove until"})
     return until
@@ -126,13 +126,13 @@ def load_config(raw, refused=None):
         Lists every fault at once, each with its dotted path.
     """
     raw = _read_numbers(raw)
-    apart = ("meshes", "scenes", "results", "until", "pathvars")
-    top = {key: value for key, value in raw.items() if key not in apart}
+    top = {key: value for key, value in raw.items() if key not in APART}
     meshes = raw.get("meshes")
     faults = stage_faults(StageOptions, top)
     merged = {}
     if not isinstance(meshes, dict) or not meshes:
-        faults["meshes"] = "at least one mesh is needed: `meshes: {name: {source: …}}`"
+        needed = "at least one mesh is needed" if not meshes else "expected a mapping, not a list"
+        faults["meshes"] = f"{needed}: `meshes: {{name: {{source: …}}}}`"
         meshes = {}
     shared = dict(faults)
     for name, entry in meshes.items():

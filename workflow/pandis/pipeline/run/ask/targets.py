@@ -2,7 +2,7 @@
 
 from pydantic import Field, field_validator, model_validator
 
-from pandis.pipeline.run.ask.values import Count, Force, Missed, Options, Positive
+from pandis.pipeline.run.ask.values import Count, Force, Length, Missed, Options, Positive
 
 #: Largest size of an object in a device's workspace, m.
 LARGEST_DEVICE = 10.0
@@ -11,8 +11,10 @@ LARGEST_DEVICE = 10.0
 class DeviceOptions(Options):
     """Physical scale: size and stiffness of the object in the device's workspace."""
 
-    size: Positive = Field(
-        0.10, description="length of the mesh's longest side in the workspace, m"
+    size: Length = Field(
+        0.10,
+        description="length of the mesh's longest side in the workspace, m, or with its unit: "
+        "`60 mm`, `6 cm`",
     )
     stiffness: Positive = Field(400.0, description="stiffness k of the surface, N/m")
 

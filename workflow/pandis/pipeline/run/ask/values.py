@@ -1,5 +1,6 @@
 """Types of option values, and the base of all models of options."""
 
+import re
 from typing import Annotated
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, WithJsonSchema
@@ -17,6 +18,28 @@ def _amount(value):
     return value
 
 
+#: Metres in each unit of length.
+UNITS = {"mm": 1e-3, "cm": 1e-2, "m": 1.0, "in": 0.0254}
+
+
+def _metres(value):
+    """Return a length in metres; a text may end with a unit."""
+    match = re.fullmatch(r"([\d.eE+-]+) *(mm|cm|m|in)", value) if isinstance(value, str) else None
+    if not match:
+        return value
+    try:
+        return round(float(match[1]) * UNITS[match[2]], 12)
+    except ValueError:
+        return value
+
+
+_LENGTHS = {
+    "anyOf": [
+        {"type": "number", "exclusiveMinimum": 0},
+        {"type": "string", "pattern": r"^[\d.eE+-]+ *(mm|cm|m|in)$"},
+    ]
+}
+Length = Annotated[Positive, BeforeValidator(_metres), WithJsonSchema(_LENGTHS)]
 _AMOUNTS = {
     "anyOf": [
         {"type": "number", "exclusiveMinimum": 0},

@@ -26,12 +26,30 @@ def farewell(plan):
 
 def condolence(plan):
     """Return the last message of a failed run."""
+    table = "\n".join(f"  {mesh:16} {stage:24} {why}" for mesh, stage, why in failures(plan))
     return (
-        "\nA job failed or was stopped; its message is above, after 'error:' or in a traceback.\n"
-        f"All logs are in    {_place(plan)}/logs/\n"
+        "\nA job failed or was stopped"
+        + (f":\n{table}\n" if table else "; its message is above.\n")
+        + f"All logs are in    {_place(plan)}/logs/\n"
         "Other meshes continued. Fix the cause and run the same command again: only missing or "
         "stale results will be made."
     )
+
+
+def failures(plan):
+    """Yield mesh, job and reason of each job of this run that ended with an error."""
+    logs = Path(plan.folder, "logs")
+    for path in sorted(logs.rglob("*.log")):
+        if path.stat().st_mtime >= plan.start and (why := last_error(path)):
+            where = path.relative_to(logs).with_suffix("").parts
+            yield where[0] if len(where) > 1 else "-", where[-1], why
+
+
+def last_error(path):
+    """Return the error message at the end of a job's log; empty if there is none."""
+    text = path.read_text(encoding="utf-8", errors="replace")
+    _, mark, words = text.rpartition("] error: ")
+    return words.strip() if mark else ""
 
 
 def _place(plan):

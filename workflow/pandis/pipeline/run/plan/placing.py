@@ -5,11 +5,13 @@ Like `pandis.pipeline.run.ask.config`, this module imports neither torch nor tri
 
 import re
 
+from pandis.base.errors import ConfigError
 from pandis.pipeline.run.ask.catalogue import MESH_NAME, parse_field
 from pandis.pipeline.run.ask.config import SceneOptions
 from pandis.pipeline.run.ask.contacts import SurfaceOptions
 from pandis.pipeline.run.ask.faults import faults_of, name_faults, raise_faults
 from pandis.pipeline.run.ask.kinds import KINDS
+from pandis.pipeline.run.ask.sourcing import source_fault
 from pandis.pipeline.run.ask.tasks import PlacedObject, SceneTask
 
 
@@ -21,6 +23,7 @@ def load_scenes(raw, entries):
     raw : dict
         The parsed YAML.
     entries : dict of str to pandis.pipeline.run.ask.config.MeshEntry
+        None stands for the options of a mesh that are wrong.
 
     Returns
     -------
@@ -44,11 +47,14 @@ def load_scenes(raw, entries):
         sections = scene if isinstance(scene, dict) else {"objects": scene}
         wrong = faults_of(SceneOptions, sections)
         faults |= {f"{path}.{key}" if key else path: message for key, message in wrong.items()}
+        objects = sections.get("objects")
+        for key, placed in objects.items() if isinstance(objects, dict) else ():
+            if isinstance(placed, dict) and {"mesh", "field"} <= placed.keys():
+                wrong_here = _object_faults(f"{path}.objects.{key}", key, placed, entries=entries)
+                faults |= {at: why for at, why in wrong_here.items() if at not in faults}
         if wrong:
             continue
         scenes[name] = SceneOptions.model_validate(scene)
-        for key, placed in scenes[name].objects.items():
-            faults |= _object_faults(f"{path}.objects.{key}", key, placed, entries=entries)
     raise_faults(faults)
     return scenes
 
@@ -56,13 +62,16 @@ def load_scenes(raw, entries):
 def _object_faults(path, key, placed, *, entries):
     if not re.fullmatch(MESH_NAME, str(key)):
         return {path: "an object's name must start with a-z; the rest may be a-z, 0-9, - or _"}
-    entry = entries.get(placed.mesh)
-    if entry is None:
-        return {f"{path}.mesh": f"there is no mesh {placed.mesh} under `meshes`: add it there"}
-    values = entry.model_dump() | {"fields": [placed.field]}
+    mesh, field = str(placed["mesh"]), str(placed["field"])
+    if mesh not in entries:
+        return {f"{path}.mesh": f"there is no mesh {mesh} under `meshes`: add it there"}
+    entry = entries[mesh]
+    if entry is None:  # its own options are wrong, and reported
+        return {}
+    values = entry.model_dump() | {"fields": [field]}
     fault = next((message for at, message in name_faults(values) if at == "fields.0"), None)
-    if fault is None and not parse_field(placed.field, entry.train).native:
-        fault = f"{placed.field} has no file for pandis.h: use a grid, a spline, a network or exact"
+    if fault is None and not parse_field(field, entry.train).native:
+        fault = f"{field} has no file for pandis.h: use a grid, a spline, a network or exact"
     return {f"{path}.field": fault} if fault else {}
 
 
@@ -112,3 +121,20 @@ def _knows_regions(entry, name):
     specs = (parse_field(each, entry.train) for each in entry.fields)
     known = sorted((s.kind, s.name) for s in specs if s.kind in with_regions)
     return known[0][1] if known else None
+
+
+def other_faults(config):
+    """Return the faults of scenes and the missing files of a configuration that has others, too."""
+    meshes, faults = config.get("meshes"), {}
+    meshes = meshes if isinstance(meshes, dict) else {}
+    for name, entry in meshes.items():
+        source = entry.get("source") if isinstance(entry, dict) else None
+        fault = source_fault(source) if isinstance(source, str) else None
+        if fault:
+            key, _, why = fault.partition(": ")
+            faults[f"meshes.{name}.{key}"] = why
+    try:
+        load_scenes(config, dict.fromkeys(meshes))
+    except ConfigError as error:
+        faults |= error.faults
+    return faults

@@ -6,15 +6,15 @@ imports neither torch nor trimesh.
 """
 
 import os
-import sys
 import time
 from functools import cached_property, partial
 from pathlib import Path
 from typing import NamedTuple
 
-from pandis.base.errors import PandisError
+from pandis.base.errors import ConfigError, PandisError
 from pandis.pipeline.run.ask.catalogue import parse_field
 from pandis.pipeline.run.ask.config import plain
+from pandis.pipeline.run.ask.faults import raise_faults
 from pandis.pipeline.run.ask.kind import AUTO
 from pandis.pipeline.run.ask.outputs import distance_fields, field_holders, field_specs
 from pandis.pipeline.run.ask.reading import check_yaml, last_target, load_config, results_folder
@@ -27,23 +27,18 @@ from pandis.pipeline.run.ask.sourcing import (
     url_extension,
 )
 from pandis.pipeline.run.ask.tasks import CalibrateTask, RefuseTask, SummaryTask, VerifyTask
-from pandis.pipeline.run.host.ending import forget_partial_report
 from pandis.pipeline.run.job.provenance import CodeDigests, needs
-from pandis.pipeline.run.plan.placing import load_scenes, needed, scene_task
+from pandis.pipeline.run.plan.placing import load_scenes, needed, other_faults, scene_task
 from pandis.pipeline.run.plan.stages import STAGES, PlannedJob
 
 #: Named targets of the stages and of the scenes.
 TARGETS = {*(row.target for row in STAGES.values() if row.target), "scenes"}
 #: Targets that `until: exports` leaves out: fields are not measured, stressed or timed.
 JUDGING = ("evaluations", "hardware")
+#: Targets that `until: meshes` and `until: samples` make; None is that of downloads.
+FIRST = {"meshes": (None, "meshes"), "samples": (None, "meshes", "samples")}
 DEFAULT_CONFIG = "config/config.yaml"
 QUERY_TIMES = "config/query-times.csv"
-#: Snakemake's records about the results of this working directory.
-RECORDS = Path(".snakemake/metadata")
-UNKNOWN = (
-    "note: this folder has no record of the options behind the results in {}; the results are "
-    "used as they are (see docs/cluster.md)"
-)
 
 
 class Output(NamedTuple):
@@ -52,26 +47,6 @@ class Output(NamedTuple):
     path: str
     stage: str
     wildcards: dict
-
-
-def open_plan(config, folder, files, *, store, aloud=True):
-    """Return the plan, or print the configuration's faults and end the process.
-
-    With ``aloud``, print which meshes are refused, and why; the other meshes run anyway.
-    """
-    try:
-        plan = Plan(config, folder, files, store=store)
-    except PandisError as error:
-        # Snakemake would print its own traceback around the message
-        print(f"error: {error}", file=sys.stderr)
-        raise SystemExit(1) from None
-    if aloud:
-        for mesh, why in plan.refused.items():
-            print(f"refused: {mesh}: {why}", file=sys.stderr)
-        forget_partial_report(plan)
-        if plan.store and not (RECORDS.is_dir() and any(RECORDS.iterdir())):
-            print(UNKNOWN.format(plan.store), file=sys.stderr)
-    return plan
 
 
 class Plan:
@@ -106,8 +81,11 @@ class Plan:
         self.until = last_target(config)
         #: For each mesh that cannot be built, the reason. Its job reports the reason and fails.
         self.refused = {}
-        self.entries = self._buildable(load_config(config, self.refused))
-        self.scenes = load_scenes(config, self.entries)
+        try:
+            self.entries = self._buildable(load_config(config, self.refused))
+            self.scenes = load_scenes(config, self.entries)
+        except ConfigError as error:
+            raise_faults(error.faults | other_faults(config))
         #: Only the meshes and fields that scenes need; without scenes, all.
         self.needed = needed(self.entries, self.scenes)
         self.digests = CodeDigests(folder)
@@ -215,17 +193,29 @@ class Plan:
             return [output.path for output in self.everything()]
         every = [output for mesh in self.entries for output in self.outputs(mesh)]
         every += self.scene_outputs()
-        paths = [o.path for o in every if _target(o.stage) == name]
+        if name == "samples":  # asked for by name, they need no network
+            every += [self._samples(mesh) for mesh in self.entries]
+        paths = list(dict.fromkeys(o.path for o in every if _target(o.stage) == name))
         return paths + [o.path for o in self.refusals() if name != "scenes"]
 
     def everything(self):
         """Return the configuration's outputs; with scenes, only theirs and those that they need."""
         every = [o for mesh, entry in self.needed.items() for o in self.outputs(mesh, entry)]
+        if self.until == "samples":
+            every += [self._samples(mesh) for mesh in self.needed]
         if self.until:
-            every = [o for o in every if STAGES[o.stage].target not in JUDGING]
+            every = list({o.path: o for o in every if self._comes(o.stage)}.values())
         if not self.scenes:
             return [*every, *self.refusals(), *self.final]
         return [*(o for o in every if STAGES[o.stage].in_scenes), *self.scene_outputs()]
+
+    def _samples(self, mesh):
+        return Output(f"{self.folder}/{mesh}/samples.zarr.zip", "sample", {"mesh": mesh})
+
+    def _comes(self, stage):
+        """Return whether a stage runs if the run ends with `until`."""
+        target = STAGES[stage].target
+        return target not in JUDGING if self.until == "exports" else target in FIRST[self.until]
 
     def refusals(self):
         """For each mesh that cannot be built, return an output that is never made."""
@@ -318,7 +308,8 @@ class Plan:
         paths = []
         for mesh in [only] if only else self.entries:
             if self.until:
-                native = (spec.name for spec in self.specs(mesh) if spec.native)
+                exported = self.until == "exports"
+                native = (spec.name for spec in self.specs(mesh) if spec.native and exported)
                 paths += [f"{self.folder}/{mesh}/mesh.zarr.zip"]
                 paths += [f"{self.folder}/{mesh}/export/{name}.pandis" for name in native]
                 continue
