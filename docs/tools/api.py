@@ -7,11 +7,16 @@ from pathlib import Path
 import pandis
 
 ROOT = Path(__file__).resolve().parents[2]
-PYTHON, C = ROOT / "docs/api/python.md", ROOT / "docs/api/c.md"
+PYTHON, MESHES, C = (ROOT / f"docs/api/{name}.md" for name in ("python", "meshes", "c"))
 _PYTHON = """# Python
 
 The public names of `import pandis`, made from the docstrings. `help(pandis.Field)` shows all of a
 docstring, with shapes, units and errors. Other modules are internal, except `pandis.bridges`.
+"""
+_MESHES = """# Functions for meshes
+
+The functions of `import pandis` that take a mesh, and what they return, made from the docstrings.
+They need `pip install 'pandis-fields[make]'`. The commands of the same names do this with files.
 """
 _C = """# C
 
@@ -21,8 +26,21 @@ and the result of an invalid value. **rt**: may be called in a real-time loop.""
 
 def python_page():
     """Return the page of the package, with a sentence for each class, method and function."""
-    parts = [_PYTHON]
-    for name in pandis.__all__:
+    return _page(_PYTHON, [name for name in pandis.__all__ if not _takes_meshes(name)])
+
+
+def meshes_page():
+    """Return the page of the functions that take a mesh."""
+    return _page(_MESHES, [name for name in pandis.__all__ if _takes_meshes(name)])
+
+
+def _takes_meshes(name):
+    return getattr(pandis, name).__module__.startswith("pandis.pipeline.")
+
+
+def _page(head, names):
+    parts = [head]
+    for name in names:
         thing = getattr(pandis, name)
         if inspect.isfunction(thing):
             parts.append(f"## `pandis.{name}{_signature(thing)}`\n\n{_summary(thing)}\n")
@@ -40,6 +58,7 @@ def _members(thing):
     """Yield the names and members of a class's public interface, in source order."""
     for each in reversed(thing.__mro__[:-1]):
         if each.__module__.startswith("pandis."):
+            yield from dict.fromkeys(getattr(each, "__dataclass_fields__", ())).items()
             yield from ((k, v) for k, v in vars(each).items() if not k.startswith("_"))
 
 
@@ -51,7 +70,7 @@ def _row(name, key, member):
     if inspect.isfunction(plain):
         owner = f"{name}." if isinstance(member, classmethod | staticmethod) else "."
         return f"`{owner}{key}{_signature(plain)}`", _summary(plain)
-    return f"`.{key}`", _summary(plain) if type(plain).__name__ != "_tuplegetter" else ""
+    return f"`.{key}`", _summary(plain) if inspect.isclass(plain) else ""
 
 
 def _signature(function):

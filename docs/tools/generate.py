@@ -216,6 +216,7 @@ def generated():
         **_benchmarks(),
         **charts.charts(),
         api.PYTHON: api.python_page(),
+        api.MESHES: api.meshes_page(),
         api.C: api.c_page(header_text()),
         CLUSTER: with_generated(CLUSTER, cluster=tables.cluster_table()),
         TRAINING: with_generated(

@@ -13,8 +13,9 @@ PACKAGE = ROOT / "workflow/pandis"
 ORDER = (
     *("base", "engine", "runtime", "bridges"),
     *(f"pipeline.{name}" for name in (
-        "run", "geometry", "mesh", "kinds", "export", "judge", "report", "check",
+        "run", "geometry", "mesh", "kinds", "export", "judge", "report", "check", "api",
     )),
+    "commands",
     "__main__",
 )  # fmt: skip
 #: Folders whose own folders do not import each other, but may what lies beside them.

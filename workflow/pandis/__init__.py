@@ -9,7 +9,12 @@ from os import PathLike
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from pandis.base.errors import ArtifactError, PandisError
+    from pandis.base.errors import ArtifactError, PandisError, RepairError
+    from pandis.pipeline.api.checking import Report, check
+    from pandis.pipeline.api.comparing import Comparison, compare
+    from pandis.pipeline.api.fields import field
+    from pandis.pipeline.api.labelling import Labels, labels, signed_distance
+    from pandis.pipeline.api.meshes import Mesh, repair
     from pandis.runtime.contact import NativeContact as Contact
     from pandis.runtime.contact import TouchedScene, Touches
     from pandis.runtime.contact.surfaces import Material, Texture
@@ -24,27 +29,39 @@ if TYPE_CHECKING:
 __version__ = "0.2.0"
 
 __all__ = [
-    "Answer", "ArtifactError", "Contact", "Field", "Material", "MovingField", "PandisError",
-    "Placed", "Poses", "Scene", "SharedField", "Texture", "TouchedScene", "Touches", "load",
-    "sample",
+    "Answer", "ArtifactError", "Comparison", "Contact", "Field", "Labels", "Material", "Mesh",
+    "MovingField", "PandisError", "Placed", "Poses", "RepairError", "Report", "Scene",
+    "SharedField", "Texture", "TouchedScene", "Touches", "check", "compare", "field", "labels",
+    "load", "repair", "sample", "signed_distance",
 ]  # fmt: skip
 
-#: Module and class of each public name.
+#: Module and name in it of each public name that is imported on first use.
 _PLACES = {
     "Answer": "runtime.field:NativeAnswer",
     "ArtifactError": "base.errors:ArtifactError",
+    "Comparison": "pipeline.api.comparing:Comparison",
     "Contact": "runtime.contact:NativeContact",
     "Field": "runtime.field:NativeField",
+    "Labels": "pipeline.api.labelling:Labels",
     "Material": "runtime.contact.surfaces:Material",
+    "Mesh": "pipeline.api.meshes:Mesh",
     "MovingField": "runtime.field.moving:MovingField",
     "PandisError": "base.errors:PandisError",
     "Placed": "runtime.scene:Placed",
     "Poses": "runtime.scene.poses:Poses",
+    "RepairError": "base.errors:RepairError",
+    "Report": "pipeline.api.checking:Report",
     "Scene": "runtime.scene:NativeScene",
     "SharedField": "runtime.field.handover:SharedField",
     "Texture": "runtime.contact.surfaces:Texture",
     "TouchedScene": "runtime.contact:TouchedScene",
     "Touches": "runtime.contact:Touches",
+    "check": "pipeline.api.checking:check",
+    "compare": "pipeline.api.comparing:compare",
+    "field": "pipeline.api.fields:field",
+    "labels": "pipeline.api.labelling:labels",
+    "repair": "pipeline.api.meshes:repair",
+    "signed_distance": "pipeline.api.labelling:signed_distance",
 }
 
 
@@ -74,11 +91,19 @@ def sample(shape: str, *sizes: float | int) -> "Field":
 
 
 def __getattr__(name: str) -> object:
-    """Import a public class on first access."""
+    """Import a public class or function on first access."""
     if name not in _PLACES:
         raise AttributeError(f"module 'pandis' has no attribute {name!r}")
     module, _, attribute = _PLACES[name].partition(":")
-    globals()[name] = getattr(import_module(f"pandis.{module}"), attribute)
+    try:
+        globals()[name] = getattr(import_module(f"pandis.{module}"), attribute)
+    except ModuleNotFoundError as error:
+        if str(error.name).partition(".")[0] == "pandis":
+            raise
+        raise ModuleNotFoundError(
+            f"pandis.{name} needs the package {error.name}: pip install 'pandis-fields[make]'",
+            name=error.name,
+        ) from None
     return globals()[name]
 
 

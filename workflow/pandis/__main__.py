@@ -1,137 +1,53 @@
-"""The command ``pandis``: inspects files and converts them for other programs, with NumPy only."""
+"""The command ``pandis``. A command's module is imported when it is run."""
 
 import argparse
-import json
 import sys
-import tempfile
-import webbrowser
-from pathlib import Path
+from importlib import import_module
 
 from pandis import __version__
-from pandis.base.errors import PandisError
+
+#: Module of `pandis.commands` and summary of each command.
+COMMANDS = {
+    "check": ("meshes", "find the faults of meshes, and what repair would do"),
+    "repair": ("meshes", "make meshes closed and valid"),
+    "field": ("meshes", "make the field of a mesh: a .pandis file"),
+    "labels": ("meshes", "draw points and label them with exact distances and normals"),
+    "compare": ("meshes", "measure the errors of a field against its mesh"),
+    "run": ("workflow", "run the whole workflow on meshes, with its report"),
+    "view": ("files", "touch an object's fields in a browser"),
+    "info": ("files", "check .pandis files and describe them"),
+    "volume": ("files", "write a field as an OpenVDB or NanoVDB volume"),
+    "mjcf": ("files", "write a scene for MuJoCo"),
+    "csharp": ("files", "write the files for C# programs and Unity"),
+    "sample": ("files", "write a closed-form shape as a .pandis file"),
+    "snakefile": ("files", "print the path of the workflow"),
+}
 
 
 def main(arguments=None):
-    """Run the command and return its exit status."""
+    """Run the command and return its exit status.
+
+    It is 0 if all is well, 1 if a mesh or a field is not fit for use, 2 for wrong arguments, and 3
+    if something was refused.
+    """
+    arguments = sys.argv[1:] if arguments is None else arguments
     parser = argparse.ArgumentParser(
-        prog="pandis", description="Inspect and convert .pandis files."
+        prog="pandis",
+        description="Make fields, solids and labels from triangle meshes, and use the files.",
     )
     parser.add_argument("--version", action="version", version=f"pandis {__version__}")
     commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
-    info = commands.add_parser("info", help="check files and describe them")
-    info.add_argument("files", nargs="+", metavar="FILE", help="a .pandis file")
-    info.add_argument("--json", action="store_true", help="print a JSON list, one entry per file")
-    info.set_defaults(run=_info)
-    mjcf = commands.add_parser("mjcf", help="write a scene for MuJoCo")
-    mjcf.add_argument("scene", metavar="SCENE", help="results/scenes/{scene}.json")
-    mjcf.add_argument("model", metavar="MODEL", help="the file to write: ….xml")
-    mjcf.set_defaults(run=_mjcf)
-    sample = commands.add_parser("sample", help="write a closed-form shape as a file")
-    sample.add_argument("shape", metavar="SHAPE", help="sphere, torus, box or capsule")
-    sample.add_argument("file", metavar="FILE", help="the file to write: ….pandis")
-    sample.add_argument("sizes", nargs="*", type=float, metavar="SIZE", help="see docs/format.md")
-    sample.set_defaults(run=_sample)
-    volume = commands.add_parser("volume", help="write a field as an OpenVDB or NanoVDB volume")
-    volume.add_argument("file", metavar="FILE", help="a .pandis file")
-    volume.add_argument("volume", metavar="VOLUME", help="the file to write: ….vdb or ….nvdb")
-    volume.add_argument("--voxel", type=float, help="voxel length (1/200 of the object)")
-    volume.add_argument("--band", type=float, default=3.0, help="band on each side, in voxels (3)")
-    volume.add_argument("--length", type=float, default=1.0, help="volume units per mesh unit (1)")
-    volume.set_defaults(run=_volume)
-    csharp = commands.add_parser("csharp", help="write the files for C# programs and Unity")
-    csharp.add_argument("folder", metavar="FOLDER", help="for Unity: Assets/Plugins")
-    csharp.set_defaults(run=_csharp)
-    view = commands.add_parser("view", help="touch an object's fields in a browser")
-    view.add_argument("files", nargs="+", metavar="FILE", help="a .pandis file")
-    view.add_argument("--output", metavar="PAGE", help="write the page here; do not open a browser")
-    view.add_argument("--size", type=float, default=0.1, help="length of the object, m (0.1)")
-    view.add_argument("--stiffness", type=float, default=400.0, help="initial stiffness, N/m (400)")
-    view.set_defaults(run=_view)
-    snakefile = commands.add_parser("snakefile", help="print the path of the workflow")
-    snakefile.set_defaults(run=_snakefile)
+    for name, (module, summary) in COMMANDS.items():
+        command = commands.add_parser(
+            name,
+            help=summary,
+            description=f"{summary[0].upper()}{summary[1:]}.",
+            formatter_class=argparse.RawDescriptionHelpFormatter,
+        )
+        if name in arguments[:1]:  # the options of the others would take a second to import
+            import_module(f"pandis.commands.{module}").add_options(name, command)
     words = parser.parse_args(arguments)
     return words.run(words)
-
-
-def _info(words):
-    """Describe all files that can be read; return 1 if any cannot, otherwise 0."""
-    from pandis.runtime.info import describe, facts
-
-    status, every = 0, []
-    for path in words.files:
-        try:
-            contents = facts(path)
-        except PandisError as error:
-            print(f"error: {error}", file=sys.stderr)
-            status = 1
-            continue
-        every.append(contents)
-        if not words.json:
-            print(describe(contents))
-    if words.json:
-        print(json.dumps(every, indent=2))
-    return status
-
-
-def _done(work, *arguments, **options):
-    """Call a function and return 0; if it fails, print the reason and return 1."""
-    try:
-        work(*arguments, **options)
-    except (PandisError, OSError) as error:
-        print(f"error: {error}", file=sys.stderr)
-        return 1
-    return 0
-
-
-def _mjcf(words):
-    """Write a scene as MJCF."""
-    from pandis.bridges.mujoco.mjcf import write_mjcf
-
-    return _done(write_mjcf, words.scene, words.model)
-
-
-def _sample(words):
-    """Write a closed-form shape as a file."""
-    from pandis.runtime.samples import sample_bytes
-
-    return _done(lambda: Path(words.file).write_bytes(sample_bytes(words.shape, *words.sizes)))
-
-
-def _volume(words):
-    """Write a field as a volume."""
-    from pandis import load
-    from pandis.bridges.vdb.writing import write_volume
-
-    options = {"voxel": words.voxel, "band": words.band, "length": words.length}
-    return _done(lambda: write_volume(load(words.file), words.volume, **options))
-
-
-def _csharp(words):
-    """Write the C# binding and print the paths of its files."""
-    from pandis.bridges.csharp import write_csharp
-
-    return _done(lambda: print(*write_csharp(words.folder), sep="\n"))
-
-
-def _snakefile(words):
-    """Print the path of the Snakefile: beside the library if there is one, else in the package."""
-    here = Path(__file__).resolve().parent
-    beside = here.parent / "Snakefile"
-    print(beside if beside.is_file() else here / "snakemake/workflow/Snakefile")
-    return 0
-
-
-def _view(words):
-    """Write a page for touching fields and open it; return 1 if it cannot be written."""
-    from pandis.bridges.web import write_page
-
-    path = Path(words.output or Path(tempfile.mkdtemp(prefix="pandis-")) / "touch.html")
-    if _done(write_page, path, words.files, words.size, stiffness=words.stiffness):
-        return 1
-    print(path)
-    if not words.output and not webbrowser.open(path.resolve().as_uri()):
-        print("no browser could be opened: open the page yourself", file=sys.stderr)
-    return 0
 
 
 if __name__ == "__main__":

@@ -85,12 +85,12 @@ def loose_pieces(vertices, faces, small_hole, *, max_edges):
 
 
 def advice(vertices, faces, seed):
-    """Return a sentence that recommends an option for an open surface."""
+    """Return the value of `mesh.open` that suits an open surface, and a sentence about it."""
     front, behind = _windings_beside(vertices, faces, seed)
     sheet = np.maximum(front, behind) < 0.5
     if sheet.mean() <= SHEETS and (behind > 0.7).mean() > 0.5:
-        return "To close the holes nevertheless, set `mesh: {open: cap}` for this mesh"
-    return f"Much of the surface is a sheet with no solid behind it. {THICKEN}"
+        return "cap", "To close the holes nevertheless, set `mesh: {open: cap}` for this mesh"
+    return "thicken", f"Much of the surface is a sheet with no solid behind it. {THICKEN}"
 
 
 def _windings_beside(vertices, faces, seed):

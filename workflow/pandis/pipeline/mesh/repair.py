@@ -18,7 +18,7 @@ wrap     alpha wrap
 import numpy as np
 
 from pandis.base.arrays import Faces, Vertices
-from pandis.base.errors import PandisError
+from pandis.base.errors import RepairError
 from pandis.pipeline.mesh.deviation import Surface, provenance
 from pandis.pipeline.mesh.diagnosis import diagnose
 from pandis.pipeline.mesh.ladder import Ladder
@@ -63,7 +63,7 @@ def repair(vertices: Vertices, faces: Faces, options, *, seed, log=print):
 
     Raises
     ------
-    PandisError
+    RepairError
         The mesh is open or remains invalid (the message contains the diagnosis and an option
         to proceed), or a rung exceeded its limits.
     """
@@ -74,7 +74,7 @@ def repair(vertices: Vertices, faces: Faces, options, *, seed, log=print):
         ladder.vertices, ladder.faces = compact(vertices, faces)
         ladder.now = diagnose(ladder.vertices, ladder.faces)
     if not before.valid:
-        _climb(ladder)
+        climb(ladder)
     record = {
         "before": before.attributes(),
         "faults_before": before.faults(),
@@ -95,7 +95,14 @@ def repair(vertices: Vertices, faces: Faces, options, *, seed, log=print):
     return arrays, record
 
 
-def _climb(ladder):
+def climb(ladder):
+    """Try the rungs in order, until the mesh is valid.
+
+    Raises
+    ------
+    RepairError
+        As from `repair`.
+    """
     ladder.source = Surface(ladder.vertices, ladder.faces)
     flat = _is_flat(ladder.vertices[np.unique(ladder.faces)])
     paired = ladder.now.duplicate_faces > SHEETS * ladder.now.faces
@@ -113,7 +120,7 @@ def _climb(ladder):
             _thicken(ladder)
             return
         if holes:
-            raise PandisError(_open_message(ladder, holes, paired))
+            raise _too_open(ladder, holes, paired)
     _settle(ladder)
     if not ladder.now.valid and ladder.allows("fill"):
         _fill(ladder)
@@ -126,12 +133,12 @@ def _climb(ladder):
     if not ladder.now.valid and ladder.allows("wrap"):
         ladder.attempt("wrap", "wrap", ladder.valid_only, alpha=WRAP_ALPHA, offset=WRAP_OFFSET)
     if not ladder.now.valid:
-        raise PandisError(_refusal(ladder))
+        raise _refusal(ladder)
     if ladder.deviation is None:
         reason = ladder.within_budget(ladder.vertices, ladder.faces, None)
         ladder.deviation = ladder._measured
         if reason is not None:
-            raise PandisError(_refusal(ladder, reason))
+            raise _refusal(ladder, reason)
 
 
 def _is_flat(vertices):
@@ -147,7 +154,7 @@ def _without_inside(ladder, flat):
 
     Raises
     ------
-    PandisError
+    RepairError
         It has no inside, and `mesh.open` is not ``thicken``.
     """
     turned = int(one_sided(ladder.faces).sum())
@@ -161,7 +168,7 @@ def _without_inside(ladder, flat):
             f"{turned:,} of {len(ladder.faces):,} faces are a closed surface with one side only, "
             "like a Klein bottle. Such a surface has no inside"
         )
-    raise PandisError(f"{what}. {THICKEN}")
+    raise RepairError(f"{what}. {THICKEN}", open="thicken")
 
 
 def _part_with_loose(ladder):
@@ -169,7 +176,7 @@ def _part_with_loose(ladder):
 
     Raises
     ------
-    PandisError
+    RepairError
         There are loose pieces, and `mesh.open` is ``refuse``.
     """
     share, edges = ladder.options.small_hole, ladder.options.max_hole_edges
@@ -186,9 +193,10 @@ def _part_with_loose(ladder):
     if ladder.options.open == "cap":
         ladder.leave_out(loose, what)
         return
-    raise PandisError(
+    raise RepairError(
         f"the mesh is open: {ladder.now.faults()}; there are {what}. To leave these out and "
-        "close the holes of the rest, set `mesh: {open: cap}` for this mesh"
+        "close the holes of the rest, set `mesh: {open: cap}` for this mesh",
+        open="cap",
     )
 
 
@@ -310,32 +318,38 @@ def _thicken(ladder):
     if not ladder.allows("wrap") or not ladder.attempt(
         "wrap", "wrap", accept, alpha=alpha, offset=half
     ):
-        raise PandisError(_refusal(ladder))
+        raise _refusal(ladder)
 
 
-def _open_message(ladder, holes, paired):
-    advised = advice(ladder.vertices, ladder.faces, ladder.seed)
+def _too_open(ladder, holes, paired):
+    """Return the error about holes that are too large to be filled without permission."""
+    option, sentence = advice(ladder.vertices, ladder.faces, ladder.seed)
     if paired:
-        advised = f"Its faces come in pairs, back to back: sheets without thickness. {THICKEN}"
-    return (
+        option = "thicken"
+        sentence = f"Its faces come in pairs, back to back: sheets without thickness. {THICKEN}"
+    return RepairError(
         f"the mesh is open: {ladder.now.faults()}. Holes too large to fill without permission: "
         f"{len(holes)} (the widest rim is {holes[0]['rim']:.3g} times the diagonal of "
         f"its part, mesh.small_hole is {ladder.options.small_hole:g}). This may be a surface "
-        f"without an inside. {advised}"
+        f"without an inside. {sentence}",
+        open=option,
     )
 
 
 def _refusal(ladder, reason=None):
+    """Return the error about a mesh that no rung has repaired."""
     tried = "; ".join(
         f"{r['operation']}: {r['reason']}" for r in ladder.rungs if r["reason"] is not None
     )
     missing = [rung for rung in RUNGS if not ladder.allows(rung)]
-    todo = "repair it in a mesh editor"
+    todo, option = "repair it in a mesh editor", {}
     if missing:
+        option = {"rungs": list(RUNGS)}
         todo = f"allow the omitted rungs (mesh.rungs: add {', '.join(missing)})"
     elif ladder.options.open == "cap":
+        option = {"open": "thicken"}
         todo = "turn it into a wall of mesh.thickness: set `mesh: {open: thicken}` for this mesh"
     state = f"the mesh remains invalid: {ladder.now.faults()}"
     if reason:
         state = f"the repaired mesh differs too much from the source: {reason}"
-    return f"{state}. Tried: {tried or 'nothing'}. To proceed, {todo}"
+    return RepairError(f"{state}. Tried: {tried or 'nothing'}. To proceed, {todo}", **option)

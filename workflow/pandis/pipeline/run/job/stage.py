@@ -1,8 +1,11 @@
 """Runs a script as a stage, and handles its log, errors, threads, progress and artifact.
 
 Every script wraps a few calls of the library in ``with stage(snakemake, Task) as job:``; ``Task``
-is the model of its options. The job's log also appears on the terminal. Errors appear there only
-if the log goes to an object store: otherwise Snakemake itself prints the log of a failed job.
+is the model of its options. Snakemake runs a script in a process of its own. The functions of
+`pandis.pipeline.api` run the same scripts in the caller's process, through `here`.
+
+The job's log also appears on the terminal. Errors appear there only if the log goes to an object
+store: otherwise Snakemake itself prints the log of a failed job.
 """
 
 import hashlib
@@ -19,6 +22,7 @@ from pathlib import Path
 from threadpoolctl import threadpool_limits
 
 from pandis.base.errors import PandisError
+from pandis.base.files import write_atomically
 from pandis.base.progress import Context
 from pandis.pipeline.run.ask.sourcing import source_digest, source_files
 from pandis.pipeline.run.job.artifact import (
@@ -26,7 +30,6 @@ from pandis.pipeline.run.job.artifact import (
     file_digest,
     read_artifact,
     write_artifact,
-    write_atomically,
 )
 from pandis.pipeline.run.job.limits import limited
 from pandis.pipeline.run.job.provenance import CodeDigests, combine, needs, provenance
@@ -46,27 +49,46 @@ def _interrupt(number, frame):
     raise KeyboardInterrupt
 
 
-@contextmanager
 def stage(snakemake, task):
-    """Run the body of a script as a stage of the workflow.
+    """Return the context in which a script's body runs as a stage; it yields a `Job`.
 
     Parameters
     ----------
     snakemake : object
-        The object that Snakemake injects into a script.
+        The object that Snakemake injects into a script, or the one that replaces it: that one has
+        a member ``stage``, which is called instead of `process`.
     task : type
         Model of this stage's options, from `pandis.pipeline.run.ask.tasks`.
+    """
+    return getattr(snakemake, "stage", process)(snakemake, task)
 
-    Yields
-    ------
-    Job
+
+@contextmanager
+def here(snakemake, task):
+    """Run a stage in the caller's process: exceptions reach the caller, and nothing is set.
+
+    ``snakemake`` also has ``script``, the name of the stage, and ``show``, the caller's log.
+    """
+    job = Job(snakemake, task, snakemake.script, show=snakemake.show)
+    try:
+        job.check_code()
+        with threadpool_limits(1, user_api="blas"):
+            yield job
+    finally:
+        job.close()
+
+
+@contextmanager
+def process(snakemake, task):
+    """Run a stage as a process of its own, whose signals, threads and limits it sets.
 
     Notes
     -----
     A `PandisError` ends the process with only its message, any other exception with its traceback.
     Both go to the stage's log, which Snakemake shows unless the log goes to an object store.
     """
-    job = Job(snakemake, task)
+    # the name of the script, not of the rule, because another workflow may rename the rule
+    job = Job(snakemake, task, Path(sys.modules["__main__"].__file__).stem)
     signal.signal(signal.SIGTERM, _interrupt)
     os.environ["IGL_NUM_THREADS"] = str(snakemake.threads)
     # the order in which a BLAS sums depends on its thread count, and Snakemake sets that to the
@@ -107,10 +129,9 @@ def stage(snakemake, task):
 class Job:
     """One running stage: inputs, options, log and output."""
 
-    def __init__(self, snakemake, task):
-        self._snakemake = snakemake
-        # the name of the script, not of the rule, because another workflow may rename the rule
-        self.stage = Path(sys.modules["__main__"].__file__).stem
+    def __init__(self, snakemake, task, name, *, show=None):
+        self._snakemake, self.stage = snakemake, name
+        self._show = show or (lambda text: print(text, file=sys.stderr, flush=True))
         self.mesh = snakemake.wildcards.get("mesh")
         self._params, self._task = dict(snakemake.params.options), task
         #: The options, as an instance of the stage's model; set by `check_code`.
@@ -136,7 +157,7 @@ class Job:
         self._log.write(f"[{time.monotonic() - self._start:8.2f} s] {text}\n")
         self._log.flush()
         if terminal:
-            print(f"{self.name}: {text}", file=sys.stderr, flush=True)
+            self._show(f"{self.name}: {text}")
 
     @property
     def stream(self):

@@ -36,3 +36,8 @@ class MeshRecord(Record):
     faults_before: str
     rungs: list[Rung]
     deviation: dict
+
+    @property
+    def moved(self):
+        """Largest distance of the result from the source, caps of holes apart, mesh units."""
+        return self.deviation["to_source"]["max"]

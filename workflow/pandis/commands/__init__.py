@@ -1,0 +1,1 @@
+"""The command ``pandis``: one module for files, with NumPy only, and one for meshes."""

@@ -1,0 +1,136 @@
+"""Commands that inspect ``.pandis`` files and convert them for other programs; NumPy only."""
+
+import json
+import sys
+import tempfile
+import webbrowser
+from pathlib import Path
+
+from pandis.base.errors import PandisError
+from pandis.base.workflow import workflow_folder
+
+
+def add_options(name, parser):
+    """Add the options of a command to its parser, and the function that runs it."""
+    if name == "info":
+        parser.add_argument("files", nargs="+", metavar="FILE", help="a .pandis file")
+        parser.add_argument(
+            "--json", action="store_true", help="print a JSON list, one entry per file"
+        )
+        parser.set_defaults(run=_info)
+    elif name == "mjcf":
+        parser.add_argument("scene", metavar="SCENE", help="results/scenes/{scene}.json")
+        parser.add_argument("model", metavar="MODEL", help="the file to write: ….xml")
+        parser.set_defaults(run=_mjcf)
+    elif name == "sample":
+        parser.add_argument("shape", metavar="SHAPE", help="sphere, torus, box or capsule")
+        parser.add_argument("file", metavar="FILE", help="the file to write: ….pandis")
+        parser.add_argument(
+            "sizes", nargs="*", type=float, metavar="SIZE", help="see docs/format.md"
+        )
+        parser.set_defaults(run=_sample)
+    elif name == "volume":
+        parser.add_argument("file", metavar="FILE", help="a .pandis file")
+        parser.add_argument("volume", metavar="VOLUME", help="the file to write: ….vdb or ….nvdb")
+        parser.add_argument("--voxel", type=float, help="voxel length (1/200 of the object)")
+        parser.add_argument(
+            "--band", type=float, default=3.0, help="band on each side, in voxels (3)"
+        )
+        parser.add_argument(
+            "--length", type=float, default=1.0, help="volume units per mesh unit (1)"
+        )
+        parser.set_defaults(run=_volume)
+    elif name == "csharp":
+        parser.add_argument("folder", metavar="FOLDER", help="for Unity: Assets/Plugins")
+        parser.set_defaults(run=_csharp)
+    elif name == "view":
+        parser.add_argument("files", nargs="+", metavar="FILE", help="a .pandis file")
+        parser.add_argument(
+            "--output", metavar="PAGE", help="write the page here; do not open a browser"
+        )
+        parser.add_argument("--size", type=float, default=0.1, help="length of the object, m (0.1)")
+        parser.add_argument(
+            "--stiffness", type=float, default=400.0, help="initial stiffness, N/m (400)"
+        )
+        parser.set_defaults(run=_view)
+    else:
+        parser.set_defaults(run=_snakefile)
+
+
+def _info(words):
+    """Describe all files that can be read; return 1 if any cannot, otherwise 0."""
+    from pandis.runtime.info import describe, facts
+
+    status, every = 0, []
+    for path in words.files:
+        try:
+            contents = facts(path)
+        except PandisError as error:
+            print(f"error: {error}", file=sys.stderr)
+            status = 1
+            continue
+        every.append(contents)
+        if not words.json:
+            print(describe(contents))
+    if words.json:
+        print(json.dumps(every, indent=2))
+    return status
+
+
+def _done(work, *arguments, **options):
+    """Call a function and return 0; if it fails, print the reason and return 1."""
+    try:
+        work(*arguments, **options)
+    except (PandisError, OSError) as error:
+        print(f"error: {error}", file=sys.stderr)
+        return 1
+    return 0
+
+
+def _mjcf(words):
+    """Write a scene as MJCF."""
+    from pandis.bridges.mujoco.mjcf import write_mjcf
+
+    return _done(write_mjcf, words.scene, words.model)
+
+
+def _sample(words):
+    """Write a closed-form shape as a file."""
+    from pandis.runtime.samples import sample_bytes
+
+    return _done(lambda: Path(words.file).write_bytes(sample_bytes(words.shape, *words.sizes)))
+
+
+def _volume(words):
+    """Write a field as a volume."""
+    from pandis import load
+    from pandis.bridges.vdb.writing import write_volume
+
+    options = {"voxel": words.voxel, "band": words.band, "length": words.length}
+    return _done(lambda: write_volume(load(words.file), words.volume, **options))
+
+
+def _csharp(words):
+    """Write the C# binding and print the paths of its files."""
+    from pandis.bridges.csharp import write_csharp
+
+    return _done(lambda: print(*write_csharp(words.folder), sep="\n"))
+
+
+def _snakefile(words):
+    """Print the path of the Snakefile."""
+    print(workflow_folder() / "Snakefile")
+    return 0
+
+
+def _view(words):
+    """Write a page for touching fields and open it; return 1 if it cannot be written."""
+    from pandis.bridges.web import write_page
+
+    path = Path(words.output or Path(tempfile.mkdtemp(prefix="pandis-")) / "touch.html")
+    if _done(write_page, path, words.files, words.size, stiffness=words.stiffness):
+        return 1
+    print(path)
+    if not words.output and not webbrowser.open(path.resolve().as_uri()):
+        print("no browser could be opened: open the page yourself", file=sys.stderr)
+    return 0

@@ -1,0 +1,98 @@
+"""Options of commands that stand for options of the configuration."""
+
+import argparse
+from types import NoneType
+from typing import Literal, get_args, get_origin
+
+from pandis.base.errors import PandisError
+from pandis.pipeline.api.options import FLAT
+
+
+def add_model(parser, section, *, defaults=None):
+    """Add an option for each option of a section of the configuration.
+
+    Parameters
+    ----------
+    parser : argparse.ArgumentParser
+    section : str
+        A key of `FLAT`.
+    defaults : dict, optional
+        Defaults that differ from those of the configuration.
+    """
+    group = parser.add_argument_group(f"options of `{section}`")
+    for name, field in FLAT[section].model_fields.items():
+        default = (defaults or {}).get(name, field.get_default(call_default_factory=True))
+        if isinstance(default, dict):
+            continue  # set by --set
+        words = field.description.replace("%", "%%").replace("`", "")
+        flag = f"--{name.replace('_', '-')}"
+        options = {"dest": name, "default": argparse.SUPPRESS}
+        shown = ",".join(map(str, default)) if isinstance(default, list) else default
+        if isinstance(default, bool):
+            shown = "yes" if default else "no"
+            options["action"] = argparse.BooleanOptionalAction
+        else:
+            options["type"] = _several if isinstance(default, list) else _plain
+            options["metavar"] = _metavar(field.annotation, name)
+        group.add_argument(flag, help=f"{words} ({shown})", **options)
+
+
+def _metavar(annotation, name):
+    """Return the choices of an option, or a word for its value."""
+    values = [a for a in get_args(annotation) if a is not NoneType]
+    if get_origin(annotation) is Literal:
+        return "{" + ",".join(map(str, values)) + "}"
+    return name.rpartition("_")[2].upper()
+
+
+def add_set(parser):
+    """Add the option ``--set``, for options that have no flag of their own."""
+    parser.add_argument(
+        "--set", action="append", default=[], metavar="KEY=VALUE", dest="extra",
+        help="any option of config/README.md by its path, such as "
+        "train.pandis-exact.steps=2000; may be repeated",
+    )  # fmt: skip
+
+
+def options_of(words, sections):
+    """Return the options that were given on the command line, as arguments of a function."""
+    names = [name for section in sections for name in FLAT[section].model_fields]
+    options = {name: getattr(words, name) for name in names if hasattr(words, name)}
+    if getattr(words, "seed", None) is not None:
+        options["seed"] = words.seed
+    for pair in getattr(words, "extra", []):
+        key, equals, value = pair.partition("=")
+        if not equals:
+            raise PandisError(f"--set {pair}: write KEY=VALUE")
+        part, *path = key.split(".")
+        inner = options
+        for name in path:
+            inner = inner.setdefault(part, {})
+            part = name
+        inner[part] = _plain(value)
+    return options
+
+
+def _plain(text):
+    """Return a number where a text is one, and true or false."""
+    if text in ("true", "false"):
+        return text == "true"
+    for kind in (int, float):
+        try:
+            return kind(text)
+        except ValueError:
+            pass
+    return text
+
+
+def _several(text):
+    """Return the values of a list, which are separated by commas."""
+    return [_plain(part) for part in text.split(",")]
+
+
+def as_flags(option):
+    """Return options of `mesh` as they are written on the command line."""
+    return " ".join(
+        f"--{key.replace('_', '-')} " + (",".join(value) if isinstance(value, list) else str(value))
+        for key, value in option.items()
+    )

@@ -1,0 +1,75 @@
+"""The command ``pandis run``: the whole workflow on a few meshes."""
+
+import subprocess
+import sys
+from importlib.util import find_spec
+from pathlib import Path
+
+from pandis.base.errors import PandisError
+from pandis.base.files import write_new
+from pandis.base.workflow import workflow_folder
+from pandis.commands.meshes import FINE, REFUSED
+from pandis.pipeline.api.sources import source_of
+
+_EXAMPLE = "pandis run part.stl\n  pandis run --fields compact-auto,spline-auto parts/*.stl"
+
+
+def add_options(name, parser):
+    """Add the options of the command to its parser, and the function that runs it."""
+    del name
+    parser.epilog = (
+        f"examples:\n  {_EXAMPLE}\n\nIt writes a configuration, which you can edit, and "
+        "runs it. The same command goes on where it stopped."
+    )
+    parser.add_argument("meshes", nargs="+", metavar="MESH", help="a mesh file")
+    parser.add_argument(
+        "-o", "--output", metavar="FILE", help="the configuration (MESH.yaml of the first mesh)"
+    )
+    parser.add_argument(
+        "--fields", default="exact,compact-auto", help="fields to compare (exact,compact-auto)"
+    )
+    parser.add_argument("--size", type=float, default=0.1, help="longest side on a device, m (0.1)")
+    parser.add_argument("--stiffness", type=float, default=400.0, help="stiffness, N/m (400)")
+    parser.add_argument("-j", "--jobs", type=int, default=2, help="jobs at once (2)")
+    parser.add_argument("-n", "--dry-run", action="store_true", help="only say what would run")
+    parser.set_defaults(run=_run)
+
+
+def _run(words):
+    try:
+        path = _write(words)
+    except PandisError as error:
+        print(f"error: {error}", file=sys.stderr)
+        return REFUSED
+    if find_spec("snakemake") is None:
+        print("error: the workflow needs packages: pip install 'pandis-fields[workflow]'",
+              file=sys.stderr)  # fmt: skip
+        return REFUSED
+    command = [
+        sys.executable, "-m", "snakemake", "-s", str(workflow_folder() / "Snakefile"),
+        f"-j{words.jobs}", "all", "--configfile", str(path), *(["-n"] if words.dry_run else []),
+    ]  # fmt: skip
+    return FINE if subprocess.run(command, check=False).returncode == 0 else REFUSED
+
+
+def _write(words):
+    """Write the configuration, unless it is there already, and return its path."""
+    meshes = {}
+    for text in words.meshes:
+        name = source_of(text).name
+        if name in meshes:
+            raise PandisError(f"{text}: there are two meshes named {name}; rename one")
+        meshes[name] = text
+    first = next(iter(meshes))
+    path = Path(words.output or f"{first}.yaml")
+    lines = [
+        f"results: results/{path.stem}",
+        f"fields: [{words.fields.replace(',', ', ')}]",
+        f"device: {{size: {words.size:g}, stiffness: {words.stiffness:g}}}  # m, N/m",
+        "meshes:",
+        *(f'  {name}: {{source: "{text}"}}' for name, text in meshes.items()),
+    ]
+    text = "\n".join(lines) + "\n"
+    if not path.exists() or path.read_text(encoding="utf-8") != text:
+        write_new(path, text.encode())
+    return path

@@ -1,0 +1,1 @@
+"""Functions for single meshes: they run the workflow's stages in the caller's process."""

@@ -1,0 +1,65 @@
+"""Options of functions and commands: those of the configuration, without their sections."""
+
+import difflib
+
+from pandis.base.errors import ConfigError
+from pandis.pipeline.run.ask.config import StageOptions
+from pandis.pipeline.run.ask.options import (
+    BakeOptions,
+    MeshOptions,
+    NativeOptions,
+    SampleOptions,
+    StressOptions,
+)
+from pandis.pipeline.run.ask.targets import BudgetOptions, DeviceOptions
+
+#: Sections of the configuration whose options are passed by their own names.
+FLAT = {
+    "mesh": MeshOptions,
+    "device": DeviceOptions,
+    "samples": SampleOptions,
+    "bake": BakeOptions,
+    "export": NativeOptions,
+}
+#: Sections that are passed whole, as dicts.
+WHOLE = {"budget": BudgetOptions, "stress": StressOptions, "train": dict}
+
+
+def sections(options, allowed):
+    """Sort options into the sections of a configuration.
+
+    Parameters
+    ----------
+    options : dict
+        Options by name, without their section; or whole sections by name, as dicts.
+    allowed : tuple of str
+        The sections that the function uses.
+
+    Returns
+    -------
+    dict of str to dict
+
+    Raises
+    ------
+    ConfigError
+        An option is unknown.
+    """
+    names = {key: part for part in allowed if part in FLAT for key in FLAT[part].model_fields}
+    sorted_ = {}
+    for key, value in options.items():
+        if key in allowed:
+            sorted_[key] = {**sorted_.get(key, {}), **value} if isinstance(value, dict) else value
+        elif key in names:
+            sorted_.setdefault(names[key], {})[key] = value
+        elif key == "seed":
+            sorted_[key] = value
+        else:
+            near = difflib.get_close_matches(key, [*names, *allowed], n=1)
+            hint = f"; did you mean '{near[0]}'?" if near else ""
+            raise ConfigError(f"unknown option '{key}'{hint}", {key: f"unknown option{hint}"})
+    return sorted_
+
+
+def default_of(section, key):
+    """Return the default of an option."""
+    return StageOptions().model_dump()[section][key]

@@ -1,0 +1,52 @@
+"""Places of a mesh's faults, for people who look for them."""
+
+import numpy as np
+
+from pandis.pipeline.mesh.diagnosis import FLAT, altitudes, crossing_faces
+from pandis.pipeline.mesh.topology import EdgeTable, nonmanifold_vertices, same_place
+
+#: Number of places that are listed for each kind of fault.
+LISTED = 5
+
+
+def fault_places(vertices, faces, diagnosis, *, listed=LISTED):
+    """Return places (n, 3) of the faults of a mesh, by kind: at most ``listed`` of each.
+
+    Inside-out components and odd winding numbers have no place of their own, and are left out.
+
+    Parameters
+    ----------
+    vertices : ndarray, shape (V, 3), float64
+    faces : ndarray, shape (F, 3), int64
+    diagnosis : pandis.pipeline.mesh.diagnosis.Diagnosis
+        Diagnosis of this mesh.
+    """
+    first = same_place(vertices)
+    welded = np.ascontiguousarray(first[faces])
+    edges = EdgeTable(welded)
+    middles = vertices[welded].mean(axis=1)
+
+    def along(mask):
+        return vertices[edges.edges[np.flatnonzero(mask)[:listed]]].mean(axis=1)
+
+    def repeated():
+        _, index, counts = np.unique(
+            np.sort(welded, axis=1), axis=0, return_inverse=True, return_counts=True
+        )
+        return middles[counts[index.reshape(-1)] > 1]
+
+    def split():
+        used = np.unique(faces)
+        return vertices[used[first[used] != used]]
+
+    ways = {
+        "split_vertices": split,
+        "boundary_edges": lambda: along(edges.boundary),
+        "nonmanifold_edges": lambda: along(edges.nonmanifold),
+        "nonmanifold_vertices": lambda: vertices[nonmanifold_vertices(welded, edges)],
+        "orientation_conflicts": lambda: along(edges.conflicts),
+        "duplicate_faces": repeated,
+        "degenerate_faces": lambda: middles[altitudes(vertices[welded])[0] <= FLAT],
+        "self_intersections": lambda: middles[crossing_faces(vertices, welded)[:, 0]],
+    }
+    return {name: way()[:listed] for name, way in ways.items() if getattr(diagnosis, name)}
