@@ -20,6 +20,7 @@ COMMANDS = {
     "mjcf": ("files", "write a scene for MuJoCo"),
     "csharp": ("files", "write the files for C# programs and Unity"),
     "sample": ("files", "write a closed-form shape as a .pandis file"),
+    "include": ("files", "print the folder of pandis.h, for a compiler"),
     "snakefile": ("files", "print the path of the workflow"),
 }
 

@@ -53,6 +53,8 @@ def add_options(name, parser):
             "--stiffness", type=float, default=400.0, help="initial stiffness, N/m (400)"
         )
         parser.set_defaults(run=_view)
+    elif name == "include":
+        parser.set_defaults(run=_include)
     else:
         parser.set_defaults(run=_snakefile)
 
@@ -115,6 +117,14 @@ def _csharp(words):
     from pandis.bridges.csharp import write_csharp
 
     return _done(lambda: print(*write_csharp(words.folder), sep="\n"))
+
+
+def _include(words):
+    """Print the folder of the header."""
+    from pandis import engine
+
+    print(Path(engine.__file__).parent)
+    return 0
 
 
 def _snakefile(words):

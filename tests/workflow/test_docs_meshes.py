@@ -1,0 +1,65 @@
+"""The programs of docs/meshes.md and docs/labels.md, run as they stand."""
+
+import re
+
+import numpy as np
+import pytest
+import trimesh
+
+import pandis
+from pandis.__main__ import main
+from pandis.pipeline.geometry.strata import STRATA
+from support import ROOT
+
+
+def program(page):
+    """Return the only Python block of a page."""
+    text = (ROOT / "docs" / page).read_text(encoding="utf-8")
+    (block,) = re.findall(r"^```python\n(.*?)^```$", text, re.M | re.S)
+    return text, block
+
+
+@pytest.fixture(autouse=True)
+def part(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    trimesh.creation.box((30, 20, 12)).export(tmp_path / "part.stl")
+
+
+def test_the_functions_do_what_the_page_shows():
+    seen = {}
+    exec(program("meshes.md")[1], seen)
+    assert (seen["report"].ok, seen["report"].option) == (False, {"open": "cap"})
+    assert seen["report"].faults == {"boundary_edges": 3}
+    assert seen["solid"].rungs == ["fill"]
+    assert seen["distance"] == pytest.approx([-4, 3])
+
+
+def test_the_page_lists_every_function_and_command():
+    text, _ = program("meshes.md")
+    functions = [n for n in pandis.__all__ if n[0].islower() and n not in ("load", "sample")]
+    assert all(f"`pandis.{name}(" in text for name in functions)
+    assert set(re.findall(r"`pandis (\w+) part", text)) >= {
+        "check", "repair", "field", "labels", "compare", "run"
+    }  # fmt: skip
+
+
+def test_the_dataset_holds_the_labels_that_the_command_writes():
+    text, block = program("labels.md")
+    command = re.search(r"^```sh\npandis (.*)\n```$", text, re.M)[1]
+    small = re.sub(r"\d{4,}", lambda match: match[0][:-2], command)  # a hundredth of the points
+    assert main([*small.split(), "--quiet"]) == 0
+    seen = {}
+    exec(block, seen)
+    assert len(seen["data"]) == 3500
+    assert sum(len(points) for points, _ in [seen["data"][:4096]]) == 3500
+    points, distance = seen["data"][:]
+    inside = (np.abs(points.numpy()) < np.array([15, 10, 6]) * 1.8 / 30).all(axis=1)
+    away = np.abs(distance.numpy()) > 1e-4
+    assert ((distance.numpy() < 0) == inside)[away].all()
+    assert seen["inside"].any()
+    with np.load("part.npz") as stored:
+        assert set(re.findall(r"^\| `(\w+)`(?:, `(\w+)`)? \|", text, re.M)) is not None
+        rows = re.findall(r"^\| (`\w+`(?:, `\w+`)*) \| [(t]", text, re.M)
+        named = {name for row in rows for name in re.findall(r"\w+", row)}
+        assert named == set(stored)
+    assert all(f"`{name}`" in text for name in STRATA)
