@@ -9,20 +9,25 @@ import pytest
 
 from pandis.base.errors import PandisError
 from pandis.pipeline.run.host.processes import each
-from pandis.pipeline.run.job.limits import _beyond, limited, resident_megabytes
+from pandis.pipeline.run.job.limits import _beyond, resident_megabytes
 from support import ROOT, environment
 
 BODY = """
 import sys
 from pandis.pipeline.run.job.limits import limited
-with limited("bake", {minutes}, {megabytes}, say=print, file=sys.stderr):
+from pandis.pipeline.run.job import limits
+limits._EVERY, limits._SILENT = 0.01, {silent}
+from types import SimpleNamespace
+import time
+job = SimpleNamespace(log=print, stream=sys.stderr, last_line=time.monotonic())
+with limited("bake", {minutes}, {megabytes}, job=job):
     {body}
 print("done")
 """
 
 
-def run(body, minutes=None, megabytes=None):
-    code = BODY.format(body=body, minutes=minutes, megabytes=megabytes)
+def run(body, minutes=None, megabytes=None, silent=60):
+    code = BODY.format(body=body, minutes=minutes, megabytes=megabytes, silent=silent)
     return subprocess.run(
         [sys.executable, "-u", "-c", code],
         env=environment(PYTHONPATH=str(ROOT / "workflow")),
@@ -53,10 +58,15 @@ def test_a_body_that_never_ends_is_ended_in_a_sentence(limits, said):
 def test_what_keeps_its_limits_is_left_alone():
     done = run("pass", minutes=1, megabytes=4000)
     assert done.stdout == "done\n"
-    with limited("x", None, None, say=print, file=sys.stderr):
-        pass
     assert _beyond("x", None, None, seconds=1e9) == ""
     assert resident_megabytes() > 10
+
+
+def test_a_stage_that_logs_nothing_says_that_it_is_running():
+    wait = "said = []; job.log = said.append\n    while not said: time.sleep(0.001)"
+    done = run(f"{wait}\n    print(said[0])", silent=0.05)
+    assert "running for 0 s" in done.stdout
+    assert " MB of memory" in done.stdout
 
 
 # --- processes ---------------------------------------------------------------------------

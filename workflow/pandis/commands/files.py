@@ -48,9 +48,14 @@ def add_options(name, parser):
         parser.add_argument(
             "--output", metavar="PAGE", help="write the page here; do not open a browser"
         )
-        parser.add_argument("--size", type=float, default=0.1, help="length of the object, m (0.1)")
         parser.add_argument(
-            "--stiffness", type=float, default=400.0, help="initial stiffness, N/m (400)"
+            "--size", type=float, help="length of the object, m (that of the run, or 0.1)"
+        )
+        parser.add_argument(
+            "--stiffness", type=float, help="initial stiffness, N/m (that of the run, or 400)"
+        )
+        parser.add_argument(
+            "--up", choices=("x", "y", "z"), default="y", help="axis that points up (y)"
         )
         parser.set_defaults(run=_view)
     elif name == "include":
@@ -138,7 +143,8 @@ def _view(words):
     from pandis.bridges.web import write_page
 
     path = Path(words.output or Path(tempfile.mkdtemp(prefix="pandis-")) / "touch.html")
-    if _done(write_page, path, words.files, words.size, stiffness=words.stiffness):
+    options = {"stiffness": words.stiffness, "up": words.up}
+    if _done(write_page, path, words.files, words.size, **options):
         return 1
     print(path)
     if not words.output and not webbrowser.open(path.resolve().as_uri()):

@@ -6,6 +6,7 @@ import os
 import platform
 import shutil
 import subprocess
+import sys
 import tempfile
 from functools import cache
 from pathlib import Path
@@ -135,6 +136,8 @@ def build(command, source, libraries, *, name):
     compiled = cache_folder() / f"{Path(name).stem}-{digest}{Path(name).suffix}"
     if compiled.is_file():
         return compiled
+    if sys.stderr.isatty():
+        print(f"pandis: compiling {source.name}, once on this machine …", file=sys.stderr)
     return _compile([*command, str(source), *libraries], compiled)
 
 

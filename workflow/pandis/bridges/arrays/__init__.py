@@ -116,7 +116,13 @@ def jax_field(path: str | PathLike[str]) -> ArrayField:
     >>> bunny = jax_field("results/bunny/export/spline-auto.pandis")
     >>> gradient = jax.grad(lambda points: bunny.distance(points).sum())
     """
-    import jax.numpy
+    try:
+        import jax.numpy
+    except ModuleNotFoundError as error:
+        raise ModuleNotFoundError(
+            f"jax_field needs the package {error.name}: pip install 'pandis-fields[jax]'",
+            name=error.name,
+        ) from None
 
     def put(value, like):
         kind = like.dtype if value.dtype == np.float64 else value.dtype

@@ -22,11 +22,15 @@ SOURCE, MODULE = HERE / "web.c", HERE / "pandis.wasm"
 LARGEST = 64_000_000
 #: Largest size (m) and stiffness (N/m) on a page; usual maximum of the stiffness slider (N/m).
 LONGEST, STIFFEST, USUAL = 10.0, 5000.0, 1500.0
+#: Size (m) and stiffness (N/m) of an object of which nothing else is known.
+USUAL_SIZE, USUAL_STIFFNESS = 0.10, 400.0
 #: Integer steps per unit of unit-frame length.
 _STEPS = 32767
 
 
-def write_page(path: str | PathLike[str], files, size, *, stiffness) -> None:
+def write_page(
+    path: str | PathLike[str], files, size=None, *, stiffness=None, up: str = "y"
+) -> None:
     """Write a page on which an object's fields can be touched.
 
     Parameters
@@ -35,10 +39,13 @@ def write_page(path: str | PathLike[str], files, size, *, stiffness) -> None:
         ``….html``.
     files : list of path-like
         ``.pandis`` files of one object; the first is selected, and its surface is drawn.
-    size : float
-        Length of the object's longest side under the hand, m.
-    stiffness : float
-        Initial stiffness, N/m.
+    size : float, optional
+        Length of the object's longest side under the hand, m. By default that of the workflow's
+        run, if its ``hardware.json`` is beside the folder of the files, else 0.10.
+    stiffness : float, optional
+        Initial stiffness, N/m; by default as for the size, else 400.
+    up : {"x", "y", "z"}
+        The axis of the object that points up at first.
 
     Raises
     ------
@@ -51,14 +58,28 @@ def write_page(path: str | PathLike[str], files, size, *, stiffness) -> None:
         _check(field, fields[0])
     first = fields[0].path
     name = first.parent.parent.name if first.parent.name == "export" else first.stem
-    Path(path).write_text(page(name, fields, size, stiffness=stiffness), encoding="utf-8")
+    run_size, run_stiffness = _scale_beside(first)
+    size, stiffness = size or run_size, run_stiffness if stiffness is None else stiffness
+    text = page(name, fields, size, stiffness=stiffness, up=up)
+    Path(path).write_text(text, encoding="utf-8")
 
 
-def page(name, fields, size, *, stiffness):
+def _scale_beside(path):
+    """Return size and stiffness of the run that exported a file, if it was validated."""
+    try:
+        validated = json.loads((path.parent.parent / "hardware.json").read_text(encoding="utf-8"))
+        return float(validated["size"]), float(validated["stiffness"])
+    except (OSError, ValueError, KeyError, TypeError):
+        return USUAL_SIZE, USUAL_STIFFNESS
+
+
+def page(name, fields, size, *, stiffness, up="y"):
     """Return a page on which the fields of an object called ``name`` can be touched.
 
     Parameters and errors are as for `write_page`, except that ``fields`` are open fields.
     """
+    if up not in ("x", "y", "z"):
+        raise PandisError(f"up: {up!r}: name the axis that points up: x, y or z")
     if not (0 < size <= LONGEST and 0 <= stiffness <= STIFFEST):
         raise PandisError(
             f"size: {size:g}, stiffness: {stiffness:g}: an object on a page may be at most "
@@ -70,7 +91,7 @@ def page(name, fields, size, *, stiffness):
     return (HERE / "page.html").read_text(encoding="utf-8").format(
         title=f"{_escaped(name)}: touch it",
         style=(HERE / "style.css").read_text(encoding="utf-8"),
-        section=section(fields, size, stiffness),
+        section=section(fields, size, stiffness, up=up),
         scripts="".join(script(part) for part in ("solid", "touch")),
     )  # fmt: skip
 
@@ -99,7 +120,7 @@ def script(name):
     return (HERE / f"{name}.js").read_text(encoding="utf-8")
 
 
-def section(fields, size, stiffness):
+def section(fields, size, stiffness, *, up="y"):
     """Return the HTML section of a page for touching an object's fields."""
     corners, faces = surface_of(fields[0])
     small = len(corners) < 1 << 16
@@ -107,6 +128,7 @@ def section(fields, size, stiffness):
         "vertices": _text(np.rint(np.clip(corners, -1, 1) * _STEPS), "<i2"),
         "faces": _text(faces, "<u2" if small else "<u4"),
         "small": small,
+        "up": up,
     }
     return touched(fields, size, stiffness, more=drawn | loop())
 

@@ -20,6 +20,7 @@ class Solid {
     this.context = canvas.getContext("2d");
     this.vertices = decodePoints(held.vertices);
     this.faces = decode(held.faces, held.small ? Uint16Array : Uint32Array);
+    this.up = held.up || "y";
     this.reset();
   }
 
@@ -67,7 +68,9 @@ class Solid {
   // Rows: right, up, toward the eye.
   axes() {
     const [cy, sy, cp, sp] = [Math.cos(this.yaw), Math.sin(this.yaw), Math.cos(this.pitch), Math.sin(this.pitch)];
-    return [[cy, 0, sy], [sp * sy, cp, -sp * cy], [-cp * sy, sp, cp * cy]];
+    const rows = [[cy, 0, sy], [sp * sy, cp, -sp * cy], [-cp * sy, sp, cp * cy]];
+    if (this.up === "x") return rows.map(([x, y, z]) => [y, -x, z]);
+    return this.up === "z" ? rows.map(([x, y, z]) => [x, -z, y]) : rows;
   }
 
   // Pixels per unit-frame length.

@@ -84,6 +84,8 @@ def results_folder(raw):
             ". _ and -"
         )
         raise_faults({"results": f"{expected} (given: {folder!r})"})
+    if Path(folder).exists() and not Path(folder).is_dir():
+        raise_faults({"results": f"{folder} is a file; name a folder, or remove the file"})
     return folder
 
 

@@ -10,6 +10,8 @@ import threading
 import time
 from contextlib import contextmanager
 
+#: Seconds without a line of the log after which a stage says that it is still running.
+_SILENT = 30.0
 #: Seconds between checks of time and memory.
 _EVERY = 1.0
 #: Seconds after the time limit in which a stage can still report the limit itself.
@@ -17,7 +19,7 @@ _GRACE = 20.0
 
 
 @contextmanager
-def limited(name, minutes, megabytes, *, say, file):
+def limited(name, minutes, megabytes, *, job):
     """Run the body of a stage within limits; the process ends if it exceeds one.
 
     Parameters
@@ -26,10 +28,10 @@ def limited(name, minutes, megabytes, *, say, file):
         The rule's name.
     minutes, megabytes : float or None
         None: no limit.
-    say : callable
-        Receives a line that names the exceeded limit and says what to do.
-    file : file object
-        Receives a traceback if the process can no longer report the limit itself.
+    job : pandis.pipeline.run.job.stage.Job
+        Its log receives a line that names the exceeded limit and says what to do, and one whenever
+        nothing else has been logged for `_SILENT` seconds; its stream receives a traceback if the
+        process can no longer report the limit itself.
     """
     over = threading.Event()
     start = time.monotonic()
@@ -38,11 +40,14 @@ def limited(name, minutes, megabytes, *, say, file):
         while not over.wait(_EVERY):
             reason = _beyond(name, minutes, megabytes, seconds=time.monotonic() - start)
             if reason:
-                say(reason)
+                job.log(f"error: {reason}")
                 os._exit(1)
+            if time.monotonic() - job.last_line > _SILENT:
+                used = resident_megabytes()
+                job.log(f"running for {time.monotonic() - start:.0f} s, {used:,.0f} MB of memory")
 
     if minutes:  # in C: works even while other code holds the GIL
-        faulthandler.dump_traceback_later(60 * minutes + _GRACE, exit=True, file=file)
+        faulthandler.dump_traceback_later(60 * minutes + _GRACE, exit=True, file=job.stream)
     watcher = threading.Thread(target=look, daemon=True)
     watcher.start()
     try:

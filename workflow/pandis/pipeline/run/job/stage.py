@@ -99,13 +99,7 @@ def process(snakemake, task):
     try:
         job.check_code()
         with (
-            limited(
-                job.stage,
-                resources.get("runtime"),
-                resources.get("mem_mb"),
-                say=lambda text: job.log(f"error: {text}"),
-                file=job.stream,
-            ),
+            limited(job.stage, resources.get("runtime"), resources.get("mem_mb"), job=job),
             threadpool_limits(1, user_api="blas"),
         ):
             yield job
@@ -146,7 +140,7 @@ class Job:
         self._inputs = {}
         #: The results folder, which contains the logs.
         self._folder = original(snakemake.log[0]).rpartition("/logs/")[0]
-        self._start = time.monotonic()
+        self._start = self.last_line = time.monotonic()
         path = Path(snakemake.log[0])
         path.parent.mkdir(parents=True, exist_ok=True)
         self._log = path.open("w", encoding="utf-8")
@@ -154,6 +148,7 @@ class Job:
 
     def log(self, text, terminal=True):
         """Write a line to the stage's log and, by default, to the terminal."""
+        self.last_line = time.monotonic()
         self._log.write(f"[{time.monotonic() - self._start:8.2f} s] {text}\n")
         self._log.flush()
         if terminal:
