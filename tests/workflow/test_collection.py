@@ -42,7 +42,7 @@ def test_nothing_beyond_exports_is_planned():
 @pytest.mark.parametrize(
     ("changes", "said"),
     [
-        ({"until": "export"}, "until: expected exports, or nothing \\(given: 'export'\\)"),
+        ({"until": "export"}, "until: expected meshes, samples, exports, or nothing \\(given: 'export'\\)"),
         ({"until": "exports", "scenes": {"s": {"objects": {"o": {"mesh": "a", "field": "exact"}}}}},
          "until: scenes build what they need"),
     ],
@@ -50,6 +50,46 @@ def test_nothing_beyond_exports_is_planned():
 def test_other_ends_are_refused(changes, said):
     with pytest.raises(PandisError, match=said):
         planned(**changes)
+
+
+@pytest.mark.parametrize("until", ["meshes", "samples"])
+def test_meshes_and_samples_need_no_network(until):
+    for fields in (["exact"], ["pandis-exact"]):
+        paths = [o.path for o in planned(until=until, fields=fields).everything()]
+        made = ["mesh.zarr.zip", "samples.zarr.zip"][: 1 + (until == "samples")]
+        assert paths == [f"results/a/{name}" for name in made] + [
+            "results/collection.csv", "results/collection.html"
+        ]  # fmt: skip
+    assert planned(fields=["exact"]).target("samples") == ["results/a/samples.zarr.zip"]
+    assert not any("samples" in o.path for o in planned(fields=["exact"]).everything())
+
+
+CUP = """v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nv 0 0 1\nv 1 0 1\nv 1 1 1\nv 0 1 1
+f 1 4 3 2\nf 1 2 6 5\nf 2 3 7 6\nf 3 4 8 7\nf 4 1 5 8\n"""
+
+
+def test_a_failed_run_ends_with_what_failed_and_the_option_that_helps(tmp_path):
+    folder = copy_workflow(ROOT, tmp_path / "run")
+    (folder / "cup.obj").write_text(CUP)
+    meshes = {"sphere": {"source": "analytic:sphere"}, "cup": {"source": "cup.obj"}}
+    few = {"surface": 10, "near": 10, "volume": 10, "held_out": 0}
+    few |= dict.fromkeys(("offsets", "shallow", "penetration", "bent", "core", "box"), 0)
+    config = {"fields": ["exact"], "until": "samples", "samples": few, "meshes": meshes}
+    (folder / CONFIG).write_text(yaml.safe_dump(config | {"results": str(tmp_path / "elsewhere")}))
+    done = snakemake(folder, "-j2", "--configfile", CONFIG)
+    assert done.returncode == 1
+    end = done.stdout[done.stdout.index("A job failed or was stopped:") :]
+    (row,) = [line.split(None, 2) for line in end.splitlines() if line.startswith("  ")]
+    assert row[:2] == ["cup", "mesh"]
+    assert row[2].startswith("the mesh is open")
+    assert row[2].endswith("set `mesh: {open: cap}` for this mesh")
+    assert (tmp_path / "elsewhere/sphere/samples.zarr.zip").is_file()
+    meshes["cup"]["mesh"] = {"open": "cap"}
+    (folder / CONFIG).write_text(yaml.safe_dump(config | {"results": str(tmp_path / "elsewhere")}))
+    done = snakemake(folder, "-j2", "--configfile", CONFIG)
+    assert done.returncode == 0, done.stdout
+    with (tmp_path / "elsewhere/collection.csv").open() as table:
+        assert {row["mesh"] for row in csv.DictReader(table)} == {"sphere", "cup"}
 
 
 def rows_of(folder):
