@@ -102,19 +102,30 @@ def test_an_existing_file_needs_force_and_a_wrong_name_is_told_at_once(tmp_path,
         ("labels", "part.ply", "-o", "out.zarr"),
         ("repair", "part.ply", "part.ply", "-o", "out.obj"),
         ("repair", "part.ply", tmp_path / "part.ply"),
+        ("labels", "part.ply", "-o", "out.csv"),
+        ("field", "part.ply", "-o", "out.stl"),
+        ("field", "part.ply", "--budget", "20 bananas"),
     ):
         assert typed(*words) == USAGE
         assert capsys.readouterr().err.startswith("error: ")
 
 
 def test_several_meshes_get_a_file_each(tmp_path, capsys):
-    box(tmp_path, "a.ply"), box(tmp_path, "b.stl"), (tmp_path / "out").mkdir()
-    assert typed("field", "a.ply", "b.stl", "-o", "out", "--kind", "exact", "--quiet") == FINE
+    box(tmp_path, "a.ply"), box(tmp_path, "b.stl")
+    assert typed("field", "a.ply", "b.stl", "-o", "out/", "--kind", "exact", "--quiet") == FINE
     assert sorted(path.name for path in (tmp_path / "out").iterdir()) == ["a.pandis", "b.pandis"]
     assert typed("labels", "a.ply", "b.stl", "-o", "out", "--near", 100, "--surface", 0,
                  "--volume", 0, "--quiet", "--json") == FINE  # fmt: skip
     rows = json.loads(capsys.readouterr().out.partition("\n[")[2].join(["[", ""]))
     assert [row["points"] for row in rows] == [100, 100]
+
+
+def test_points_that_nobody_can_hold_are_refused_at_once(tmp_path, capsys):
+    box(tmp_path)
+    assert typed("labels", "part.ply", "--near", 10**12) == REFUSED
+    assert "GB of memory" in capsys.readouterr().err
+    assert typed("labels", "part.ply", "--near", 0, "--surface", 0, "--volume", 0) == REFUSED
+    assert "no points are wanted" in capsys.readouterr().err
 
 
 def test_compare_tells_by_its_status_whether_a_field_is_fit(tmp_path, capsys):

@@ -60,8 +60,10 @@ def add_options(name, parser):
             "size (kB: 1,000 bytes), time of a query (us)",
         )  # fmt: skip
         add_set(parser)
-    if name in ("field", "compare"):
-        parser.add_argument("--name", help="name of the mesh in a configuration (its file's)")
+    parser.add_argument(
+        "--name",
+        help="name of the mesh in a configuration: random numbers derive from it (its file's)",
+    )
     parser.add_argument("--seed", type=int, help="root of all random numbers (0)")
     parser.add_argument("--json", action="store_true", help="print a JSON list, one entry per mesh")
     parser.add_argument("--quiet", action="store_true", help="print no progress")
@@ -86,6 +88,8 @@ class _Command:
         except PandisError as error:
             print(f"error: {error}", file=sys.stderr)
             return USAGE
+        if words.name:
+            self.options["name"] = words.name
         for path, output in zip(words.meshes, outputs, strict=True):
             self._one(path, output)
         if words.json:
@@ -104,11 +108,17 @@ class _Command:
         if output.suffix == ".zarr":
             raise PandisError(f"{output}: a store of many meshes is not written by this command")
         several = len(words.meshes) > 1
+        if several and words.name:
+            raise PandisError("--name names one mesh: run the others apart")
+        if words.output and (several or words.output.endswith("/")) and not output.suffix:
+            output.mkdir(parents=True, exist_ok=True)
         if several and not output.is_dir():
-            raise PandisError(f"-o {output}: with several meshes, name an existing folder")
+            raise PandisError(f"-o {output}: with several meshes, name a folder")
         if not output.is_dir():
             if self.name == "repair":
                 mesh_format(output)
+            elif output.suffix != _ENDINGS[self.name]:
+                raise PandisError(f"-o {output}: the ending must be {_ENDINGS[self.name]}")
             return [output]
         names = [Path(path).name.partition(".")[0] + _ENDINGS[self.name] for path in words.meshes]
         for name in names:
@@ -127,7 +137,8 @@ class _Command:
             option = error.option if isinstance(error, RepairError) else {}
             if option:
                 message += f"\n  try again with: {as_flags(option)}"
-            print(f"error: {path}: {message}", file=sys.stderr)
+            where = "" if message.startswith((path, str(output))) else f"{path}: "
+            print(f"error: {where}{message}", file=sys.stderr)
             row, line = {"mesh": path, "error": str(error), "option": option}, "refused"
         else:
             status = FINE if fit else UNFIT
@@ -162,11 +173,12 @@ class _Command:
     def _field(self, path, output, log):
         words = self.words
         kind = words.kind or ("auto" if words.budget else "compact-auto")
-        name = {"name": words.name} if words.name else {}
-        field = pandis.field(path, kind, budget=words.budget, log=log, **name, **self.options)
+        field = pandis.field(path, kind, budget=words.budget, log=log, **self.options)
         field.save(output, words.force)
-        line = f"{output}: {kind}, {field.bytes:,} bytes"
+        size = output.stat().st_size
+        line = f"{output}: {kind}, {field.bytes:,} bytes to query, {size:,} in the file"
         row = {"mesh": path, "output": str(output), "kind": kind, "bytes": field.bytes}
+        row["file_bytes"] = size
         return line, row, line, True
 
     def _labels(self, path, output, log):
@@ -181,8 +193,5 @@ class _Command:
 
     def _compare(self, path, output, log):
         words = self.words
-        name = {"name": words.name} if words.name else {}
-        comparison = pandis.compare(
-            words.field, path, log=log, probes=words.probes, **name, **self.options
-        )
+        comparison = pandis.compare(words.field, path, log=log, probes=words.probes, **self.options)
         return str(comparison), json.loads(comparison.to_json()), "", comparison.ok

@@ -28,7 +28,7 @@ def add_options(name, parser):
     parser.add_argument(
         "--fields", default="exact,compact-auto", help="fields to compare (exact,compact-auto)"
     )
-    parser.add_argument("--size", type=float, default=0.1, help="longest side on a device, m (0.1)")
+    parser.add_argument("--size", default="0.1", help="longest side on a device: 60 mm, or m (0.1)")
     parser.add_argument("--stiffness", type=float, default=400.0, help="stiffness, N/m (400)")
     parser.add_argument("-j", "--jobs", type=int, default=2, help="jobs at once (2)")
     parser.add_argument("-n", "--dry-run", action="store_true", help="only say what would run")
@@ -37,13 +37,11 @@ def add_options(name, parser):
 
 def _run(words):
     try:
+        if find_spec("snakemake") is None:
+            raise PandisError("the workflow needs packages: pip install 'pandis-fields[workflow]'")
         path = _write(words)
     except PandisError as error:
         print(f"error: {error}", file=sys.stderr)
-        return REFUSED
-    if find_spec("snakemake") is None:
-        print("error: the workflow needs packages: pip install 'pandis-fields[workflow]'",
-              file=sys.stderr)  # fmt: skip
         return REFUSED
     command = [
         sys.executable, "-m", "snakemake", "-s", str(workflow_folder() / "Snakefile"),
@@ -65,7 +63,7 @@ def _write(words):
     lines = [
         f"results: results/{path.stem}",
         f"fields: [{words.fields.replace(',', ', ')}]",
-        f"device: {{size: {words.size:g}, stiffness: {words.stiffness:g}}}  # m, N/m",
+        f"device: {{size: {words.size}, stiffness: {words.stiffness:g}}}  # m, N/m",
         "meshes:",
         *(f'  {name}: {{source: "{text}"}}' for name, text in meshes.items()),
     ]

@@ -2,6 +2,7 @@
 
 import json
 from dataclasses import asdict, dataclass
+from importlib.util import find_spec
 
 import numpy as np
 
@@ -12,8 +13,10 @@ from pandis.pipeline.mesh.forecast import forecast
 from pandis.pipeline.mesh.formats import Reading
 from pandis.pipeline.mesh.intake import check_arrays, find_file, read_mesh
 from pandis.pipeline.mesh.places import fault_places
+from pandis.pipeline.mesh.topology import compact, same_place
 from pandis.pipeline.run.ask.faults import faults_of, raise_faults
 from pandis.pipeline.run.ask.options import MeshOptions
+from pandis.pipeline.run.ask.sourcing import format_of
 
 #: Rough costs on one core: seconds of a process and its imports, and per million faces of reading
 #: and diagnosing a mesh, of its lossless repair, of its slow repair, and of `compact-auto`.
@@ -100,8 +103,8 @@ class Report:
             lines.append("  unit unknown: say what a length of 1 means to whoever uses it")
         if self.wall:
             lines.append(
-                f"  walls: 1 % of the surface has one of at most {self.wall['p1']:.3g}{unit}, the "
-                f"thinnest of 2,000 rays is {self.wall['min']:.3g}{unit}"
+                f"  thickness: at least {self.wall['p1']:.3g}{unit} below 99 % of the surface; "
+                f"{self.wall['min']:.3g}{unit} at the thinnest of 2,000 rays"
             )
         for kind, count in self.faults.items():
             near = ", ".join("(" + ", ".join(f"{x:.4g}" for x in p) + ")"
@@ -117,8 +120,10 @@ class Report:
         }
         lines.append("  " + says[self.repair])
         if self.fit:
+            most = ", if no rung is slow" if self.repair == "repair" else ""
             lines.append(
                 "  about {repair:.0f} s to repair, {field:.0f} s for a field".format(**self.seconds)
+                + most
             )
         return "\n".join(lines)
 
@@ -151,11 +156,19 @@ def check(mesh: object, **options: object) -> Report:
     else:
         check_arrays(*source.arrays)
         reading = Reading(*source.arrays)
-    vertices, faces = reading.vertices, reading.faces
+    vertices, faces, notes = reading.vertices, reading.faces, list(reading.notes)
+    if format_of(source.text) == "stl":  # it has no other way to share a vertex
+        vertices, faces = compact(vertices, same_place(vertices)[faces])
     found_faults = diagnose(vertices, faces)
     ahead = forecast(vertices, faces, wishes, diagnosis=found_faults,
                      seed=config.get("seed", 0))  # fmt: skip
     millions = len(faces) / 1e6
+    missing = [name for name in ("pymeshlab", "pymeshfix") if find_spec(name) is None]
+    if missing and ahead.outcome in ("repair", "refusal"):
+        notes.append(
+            f"{' and '.join(missing)}: not installed, so the rungs meshfix and wrap cannot run: "
+            "pip install 'pandis-fields[make,repair]'"
+        )
     repair = {"nothing": 0.0, "lossless": _LOSSLESS, "repair": _SLOW, "refusal": 0.0}
     seconds = _START + (_READ + repair[ahead.outcome]) * millions
     places = fault_places(vertices, faces, found_faults)
@@ -178,5 +191,5 @@ def check(mesh: object, **options: object) -> Report:
         message=ahead.message,
         option=ahead.option,
         seconds={"repair": seconds, "field": seconds + _START + _FIELD * millions},
-        notes=list(reading.notes),
+        notes=notes,
     )  # fmt: skip

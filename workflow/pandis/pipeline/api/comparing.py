@@ -12,7 +12,6 @@ from pandis.base.progress import Log
 from pandis.base.streams import CONTACTS, generator
 from pandis.pipeline.api.options import sections
 from pandis.pipeline.api.running import stages
-from pandis.pipeline.api.sources import source_of
 from pandis.pipeline.geometry.body import Body
 from pandis.pipeline.geometry.measure import contact_errors, draw_contacts
 from pandis.pipeline.geometry.shares import MISSING_LIMIT
@@ -112,10 +111,9 @@ def compare(
         The file or the mesh cannot be read, the mesh cannot be repaired, or a control passed.
     """
     opened = field if isinstance(field, NativeField) else NativeField(field)
-    name = options.pop("name", None)
     count = options.pop("probes", EvaluationOptions().probes)
     config = sections(options, ("mesh", "device"))
-    with stages(source_of(mesh), config, log, name=name) as run:
+    with stages(mesh, config, log) as run:
         body, scale = Body.open(run.artifact("mesh")), Scale.of(run.entry.device)
         seed = stage_seed(run.entry.seed, run.mesh, "evaluate")
     contacts = draw_contacts(body, scale, count, rng=generator(seed, CONTACTS), even=True)

@@ -2,11 +2,10 @@
 
 import re
 
-from pandis.base.errors import PandisError
+from pandis.base.errors import ConfigError
 from pandis.base.progress import Log
 from pandis.pipeline.api.options import sections
 from pandis.pipeline.api.running import stages
-from pandis.pipeline.api.sources import source_of
 from pandis.pipeline.run.ask.budget import AMOUNT
 from pandis.pipeline.run.ask.kind import AUTO
 from pandis.runtime.field import NativeField
@@ -50,21 +49,21 @@ def field(
         The mesh cannot be read or repaired, an option is wrong, or no field meets the budget.
     """
     if (budget is None) == (kind == AUTO):
-        raise PandisError(
+        raise ConfigError(
             'kind="auto" needs a budget, such as budget="20 mN, 500 kB"'
             if budget is None
             else f'a budget needs kind="auto", not {kind!r}: other kinds have their size in their '
-            "name, or a target in `auto`"
+            "name, or a target in `auto`",
+            {},
         )
     log = log or (lambda text: None)
-    name = options.pop("name", None)
     config = sections(options, _SECTIONS)
     config["fields"] = [kind]
     if budget is not None:
         config["budget"] = read_budget(budget) if isinstance(budget, str) else dict(budget)
         if "N" in str(config["budget"].get("force_error", "")) and "device" not in config:
             log("newtons are those of an object of 0.10 m at 400 N/m; size and stiffness change it")
-    with stages(source_of(mesh), config, log, name=name) as run:
+    with stages(mesh, config, log) as run:
         return NativeField(run.make(f"export/{kind}.pandis").read_bytes())
 
 
@@ -73,8 +72,8 @@ def read_budget(text):
 
     Raises
     ------
-    PandisError
-        A part is no limit, or two limit the same.
+    ConfigError
+        A part is no limit, two limit the same, or none limits the error.
     """
     limits = {}
     for part in filter(None, (part.strip() for part in text.split(","))):
@@ -86,14 +85,24 @@ def read_budget(text):
         elif unit in _SECONDS and _is_number(number):
             key, value = "query_time", float(number) * _SECONDS[unit]
         else:
-            raise PandisError(
-                f"budget: '{part}' is no limit; write a force error (20 mN, 0.02 N, 5 %), a size "
-                "(500 kB) and a time of one query (2 us), separated by commas"
+            raise _wrong(
+                f"'{part}' is no limit; write a force error (20 mN, 0.02 N, 5 %), a size (500 kB) "
+                "and a time of one query (2 us), separated by commas"
             )
         if key in limits:
-            raise PandisError(f"budget: '{part}' limits {key} a second time")
+            raise _wrong(f"'{part}' limits {key} a second time")
         limits[key] = value
+    if "force_error" not in limits:
+        raise _wrong(
+            f"'{text}' has no force error: add one, such as '20 mN, {text.strip()}'"
+            if limits
+            else "it is empty; write a force error, such as '20 mN'"
+        )
     return limits
+
+
+def _wrong(why):
+    return ConfigError(f"budget: {why}", {"budget": why})
 
 
 def _is_number(text):

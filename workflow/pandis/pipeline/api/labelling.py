@@ -1,15 +1,17 @@
 """Labels points with exact distances and normals, for training and for queries."""
 
+import os
 from os import PathLike
+from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
+from pandis.base.errors import PandisError
 from pandis.base.frame import Frame
 from pandis.base.progress import Log
 from pandis.pipeline.api.options import sections
 from pandis.pipeline.api.running import stages
-from pandis.pipeline.api.sources import source_of
 from pandis.pipeline.api.writing import write_arrays
 from pandis.pipeline.geometry.body import Body
 from pandis.pipeline.geometry.strata import STRATA
@@ -21,6 +23,8 @@ if TYPE_CHECKING:
 else:
     ArrayLike = object  # NumPy accepts more than numpy.typing.ArrayLike allows
 
+#: Bytes of memory that a point takes while it is drawn, labelled and converted.
+_BYTES = 200
 #: Counts of points by default: those of the strata that neural distances are trained on.
 DEFAULTS = {
     "surface": 100_000, "near": 200_000, "volume": 50_000, "offsets": 0, "shallow": 0,
@@ -35,7 +39,9 @@ class Labels(NamedTuple):
     ----------
     points : ndarray, shape (n, 3), float64
     distance : ndarray, shape (n,), float64
-        Signed distance, negative inside; exact at these points, and rounded to single precision.
+        Signed distance, negative inside: exact at these points, and rounded to single precision.
+        On the stratum ``surface`` it is 0, though single precision moves points by up to 1e-7 of
+        the size.
     normal : ndarray, shape (n, 3), float32
         Unit vector away from the surface outside, towards it inside: the gradient of the distance.
     stratum : ndarray, shape (n,), uint8
@@ -58,6 +64,8 @@ class Labels(NamedTuple):
         arrays = self._asdict()
         frame = arrays.pop("frame")
         arrays |= {"strata": np.array(STRATA), "centre": np.array(frame.centre)}
+        if Path(path).suffix != ".npz":
+            raise PandisError(f"{path}: labels are written as .npz")
         write_arrays(path, arrays | {"scale": np.array(frame.scale)}, force=force)
 
 
@@ -74,7 +82,7 @@ def labels(mesh: object, *, log: Log | None = None, **options: object) -> Labels
         Receives lines about the progress.
     **options
         Options of `samples` and `mesh` in a configuration: ``surface``, ``near``, ``volume`` and
-        the other strata are counts of points; and ``seed``.
+        the other strata are counts of points; and ``seed`` and ``name``.
 
     Raises
     ------
@@ -82,8 +90,10 @@ def labels(mesh: object, *, log: Log | None = None, **options: object) -> Labels
         The mesh cannot be read or repaired; the message says why, and which option would help.
     """
     config = sections(options, ("mesh", "samples"))
+    counts = DEFAULTS | config.get("samples", {})
+    _check_counts([counts[name] for name in DEFAULTS])
     config |= {"samples": DEFAULTS | config.get("samples", {}), "fields": ["exact"]}
-    with stages(source_of(mesh), config, log) as run:
+    with stages(mesh, config, log) as run:
         samples = run.artifact("samples")
     frame, arrays = Frame.of(samples), samples.arrays
     return Labels(
@@ -94,6 +104,19 @@ def labels(mesh: object, *, log: Log | None = None, **options: object) -> Labels
         tied=arrays["tied"].astype(bool),
         frame=frame,
     )
+
+
+def _check_counts(counts):
+    """Refuse no points, and more than fit into this machine's memory."""
+    total = sum(count for count in counts if isinstance(count, int) and count > 0)
+    if not total and not any(counts):
+        raise PandisError("no points are wanted: all counts are 0; set surface, near or volume")
+    there = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
+    if total * _BYTES > there:
+        raise PandisError(
+            f"{total:,} points need about {total * _BYTES / 1e9:,.0f} GB of memory, and there are "
+            f"{there / 1e9:,.0f} GB; draw fewer, with several seeds"
+        )
 
 
 def signed_distance(
@@ -110,9 +133,9 @@ def signed_distance(
         As for `labels`.
     points : array-like, shape (n, 3), mesh units
     **options
-        Options of `mesh` in a configuration, and ``seed``.
+        Options of `mesh` in a configuration, and ``seed`` and ``name``.
     """
     rows = as_rows(points)
-    with stages(source_of(mesh), sections(options, ("mesh",)), log) as run:
+    with stages(mesh, sections(options, ("mesh",)), log) as run:
         body = Body.open(run.artifact("mesh"))
     return body.distance.distance_and_normal(body.frame.to_unit(rows))[0] / body.frame.scale

@@ -9,7 +9,6 @@ from pandis.base.frame import Frame
 from pandis.base.progress import Log
 from pandis.pipeline.api.options import sections
 from pandis.pipeline.api.running import stages
-from pandis.pipeline.api.sources import source_of
 from pandis.pipeline.api.writing import write_mesh
 from pandis.pipeline.mesh.deviation import ORIGINS
 from pandis.pipeline.run.records.mesh import MeshRecord
@@ -83,14 +82,14 @@ def repair(mesh: object, *, log: Log | None = None, **options: object) -> Mesh:
     log : callable, optional
         Receives lines about the progress.
     **options
-        Options of `mesh` in a configuration, such as ``open="cap"``, and ``seed``.
+        Options of `mesh` in a configuration, such as ``open="cap"``, and ``seed`` and ``name``.
 
     Raises
     ------
     PandisError
         The mesh cannot be read or repaired; the message says why, and which option would help.
     """
-    with stages(source_of(mesh), sections(options, ("mesh",)), log) as run:
+    with stages(mesh, sections(options, ("mesh",)), log) as run:
         return mesh_of(run)
 
 

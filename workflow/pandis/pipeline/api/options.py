@@ -31,7 +31,8 @@ def sections(options, allowed):
     Parameters
     ----------
     options : dict
-        Options by name, without their section; or whole sections by name, as dicts.
+        Options by name, without their section; whole sections by name, as dicts; ``seed``; and
+        ``name``, the mesh's name in a configuration, from which random numbers derive.
     allowed : tuple of str
         The sections that the function uses.
 
@@ -51,7 +52,7 @@ def sections(options, allowed):
             sorted_[key] = {**sorted_.get(key, {}), **value} if isinstance(value, dict) else value
         elif key in names:
             sorted_.setdefault(names[key], {})[key] = value
-        elif key == "seed":
+        elif key in ("seed", "name"):
             sorted_[key] = value
         else:
             near = difflib.get_close_matches(key, [*names, *allowed], n=1)

@@ -4,15 +4,17 @@ The scripts, options and provenance are those of the workflow, so the files are 
 byte.
 """
 
+import re
 import runpy
 import tempfile
 from contextlib import contextmanager
 from pathlib import Path
 
-from pandis.base.errors import PandisError
+from pandis.base.errors import ConfigError, PandisError, RepairError
 from pandis.base.workflow import workflow_folder
+from pandis.pipeline.api.sources import source_of
 from pandis.pipeline.api.writing import mesh_bytes
-from pandis.pipeline.run.ask.catalogue import parse_field
+from pandis.pipeline.run.ask.catalogue import MESH_NAME, parse_field
 from pandis.pipeline.run.ask.config import MeshEntry, plain
 from pandis.pipeline.run.ask.faults import raise_faults, stage_faults
 from pandis.pipeline.run.ask.outputs import field_holders
@@ -156,7 +158,33 @@ class Stages:
 
 
 @contextmanager
-def stages(source, options, log=None, *, name=None):
-    """Yield the `Stages` of a mesh in a temporary folder, which is deleted at the end."""
-    with tempfile.TemporaryDirectory(prefix="pandis-") as folder:
-        yield Stages(source, options, folder, log=log or (lambda text: None), name=name)
+def stages(mesh, options, log=None):
+    """Yield the `Stages` of a mesh in a temporary folder, which is deleted at the end.
+
+    Parameters
+    ----------
+    mesh : path-like, pair of arrays, or object
+        See `pandis.pipeline.api.sources.source_of`.
+    options : dict of str to dict
+        From `pandis.pipeline.api.options.sections`; and ``name``.
+    log : pandis.base.progress.Log, optional
+
+    Raises
+    ------
+    PandisError
+        As from the stages. If options would help, the message also names them as arguments.
+    """
+    options = dict(options)
+    name, log = options.pop("name", None), log or (lambda text: None)
+    if name is not None and not re.fullmatch(MESH_NAME, str(name)):
+        raise ConfigError(
+            f"name: {name!r} must start with a-z; the rest may be a-z, 0-9, - or _", {}
+        )
+    try:
+        with tempfile.TemporaryDirectory(prefix="pandis-") as folder:
+            yield Stages(source_of(mesh), options, folder, log=log, name=name)
+    except RepairError as error:
+        if error.option:
+            words = ", ".join(f"{key}={value!r}" for key, value in error.option.items())
+            error.args = (f"{error} (as arguments: {words})",)
+        raise

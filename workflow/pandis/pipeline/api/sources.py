@@ -63,6 +63,8 @@ def source_of(mesh):
         return _file(str(mesh))
     vertices, faces = _arrays(mesh)
     try:
+        if np.iscomplexobj(vertices):
+            raise TypeError("complex coordinates")
         vertices = np.array(vertices, np.float64)
         faces = np.array(faces)
     except (TypeError, ValueError) as error:
@@ -103,7 +105,8 @@ def _arrays(mesh):
         return mesh.points, _only_triangles(mesh.cells_dict)
     if hasattr(mesh, "points") and hasattr(mesh, "faces"):
         return mesh.points, _unpadded(np.asarray(mesh.faces))
-    raise PandisError(f"{type(mesh).__name__} is no mesh: {_EXPECTED}")
+    scene = "; a scene has several: pass scene.to_mesh()" if hasattr(mesh, "geometry") else ""
+    raise PandisError(f"{type(mesh).__name__} is no mesh{scene}: {_EXPECTED}")
 
 
 def _only_triangles(cells):

@@ -27,7 +27,7 @@ def fault_places(vertices, faces, diagnosis, *, listed=LISTED):
     middles = vertices[welded].mean(axis=1)
 
     def along(mask):
-        return vertices[edges.edges[np.flatnonzero(mask)[:listed]]].mean(axis=1)
+        return vertices[edges.edges[np.flatnonzero(mask)]].mean(axis=1)
 
     def repeated():
         _, index, counts = np.unique(
@@ -49,4 +49,11 @@ def fault_places(vertices, faces, diagnosis, *, listed=LISTED):
         "degenerate_faces": lambda: middles[altitudes(vertices[welded])[0] <= FLAT],
         "self_intersections": lambda: middles[crossing_faces(vertices, welded)[:, 0]],
     }
-    return {name: way()[:listed] for name, way in ways.items() if getattr(diagnosis, name)}
+    present = {name: way() for name, way in ways.items() if getattr(diagnosis, name)}
+    return {name: _distinct(where)[:listed] for name, where in present.items()}
+
+
+def _distinct(places):
+    """Return places (n, 3) in order, each once."""
+    _, first = np.unique(places, axis=0, return_index=True)
+    return places[np.sort(first)]
