@@ -2,14 +2,17 @@
 
 import json
 import os
+import signal
 import subprocess
 import sys
 import threading
+import warnings
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 import trimesh
+from threadpoolctl import threadpool_info
 
 import pandis
 from oracle import Solid
@@ -93,6 +96,43 @@ def test_a_mesh_is_a_path_or_arrays_or_an_object_of_another_library(stl):
 def test_what_is_no_mesh_is_refused_with_what_would_be(mesh, message):
     with pytest.raises(PandisError, match=message):
         pandis.check(mesh)
+
+
+@pytest.mark.parametrize("function", [pandis.check, pandis.repair])
+def test_arrays_without_a_surface_are_refused(function):
+    vertices, faces = block()
+    with pytest.raises(PandisError, match="no faces"):
+        function((vertices, faces[:0]))
+    vertices[3] = np.nan
+    with pytest.raises(PandisError, match="NaN or infinite"):
+        function((vertices, faces))
+
+
+def test_the_callers_process_stays_as_it_is():
+    """From several threads, too: the stages run in it, and set what a process of theirs would."""
+
+    def state():
+        blas = [info["num_threads"] for info in threadpool_info() if info["user_api"] == "blas"]
+        handlers = [signal.getsignal(number) for number in (signal.SIGTERM, signal.SIGINT)]
+        return (dict(os.environ), os.getcwd(), list(sys.argv), handlers, warnings.showwarning,
+                blas, [n for n in sys.modules if "<" in n])  # fmt: skip
+
+    few = {"surface": 20, "near": 20, "volume": 20}
+    expected = pandis.labels(block(), seed=0, **few)
+    before, results = state(), {}
+
+    def draw(k):
+        results[k] = pandis.labels(block(), seed=k % 2, **few)
+
+    threads = [threading.Thread(target=draw, args=(k,)) for k in range(4)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert state() == before
+    assert (results[0].points == expected.points).all()
+    assert (results[2].distance == expected.distance).all()
+    assert (results[1].points == results[3].points).all()
 
 
 def test_arrays_of_the_caller_stay_as_they_are():
@@ -290,6 +330,22 @@ def test_of_many_writers_of_one_file_one_succeeds_whole(tmp_path):
     assert list(tmp_path.iterdir()) == [path]
 
 
+def test_a_link_is_written_through_and_a_device_is_no_file(tmp_path):
+    (tmp_path / "link.bin").symlink_to("there.bin")
+    write_new(tmp_path / "link.bin", b"one")
+    assert (tmp_path / "there.bin").read_bytes() == b"one"
+    with pytest.raises(PandisError, match="exists"):
+        write_new(tmp_path / "link.bin", b"two")
+    write_new(tmp_path / "link.bin", b"two", force=True)
+    assert (tmp_path / "there.bin").read_bytes() == b"two"
+    assert (tmp_path / "link.bin").is_symlink()
+    os.mkfifo(tmp_path / "pipe")
+    with pytest.raises(PandisError, match="no file"):
+        write_new(tmp_path / "pipe", b"three", force=True)
+    with pytest.raises(PandisError, match="cannot be written"):
+        write_new(tmp_path / ("a" * 300), b"four")
+
+
 def test_what_a_check_refuses_leaves_nothing(tmp_path):
     def refuse(part):
         assert part.read_bytes() == b"data"
@@ -393,7 +449,14 @@ def test_a_budget_is_met_or_refused():
         ({"kind": "auto", "budget": ""}, "it is empty"),
         ({"name": "My Part"}, "must start with a-z"),
         ({"kind": "compact-atuo"}, "did you mean 'compact-auto'"),
-        ({"opne": "cap"}, "unknown option 'opne'; did you mean 'open'"),
+        ({"opne": "cap"}, "opne: unknown option; did you mean 'open'"),
+        ({"mesh": 3}, "mesh: expected options by name, not 3"),
+        ({"mesh": {"opne": 1}}, "mesh.opne: unknown option; did you mean 'open'"),
+        ({"seed": -1}, "seed: expected a whole number from 0"),
+        ({"seed": "abc"}, "seed: expected a whole number from 0"),
+        ({"kind": "auto", "budget": "20 mN, 1e999 kB"}, "is no limit"),
+        ({"name": "../../evil"}, "must start with a-z"),
+        ({"name": 5}, "must start with a-z"),
         ({"weld": -1}, "mesh.weld"),
         ({"size": 60}, "for a part of 60 mm, write 0.06"),
     ],
@@ -443,6 +506,9 @@ def test_a_field_is_compared_with_its_mesh_and_with_another():
     other = pandis.compare(field, moved, probes=5000)
     assert not other.ok
     assert "different units" in other.note
+    for count in (-3, 0, 5):
+        with pytest.raises(PandisError, match="probes"):
+            pandis.compare(field, mesh, probes=count)
     larger = pandis.compare(field, mesh, probes=5000, size=0.2, stiffness=800)
     assert larger.sets["contact-deep"]["newtons"] == pytest.approx(
         4 * good.sets["contact-deep"]["newtons"], rel=0.3
@@ -454,12 +520,18 @@ def test_a_field_is_compared_with_its_mesh_and_with_another():
 BLOCKED = """
 import sys
 
-class Absent:
-    def find_spec(self, name, path=None, target=None):
-        if name.partition(".")[0] in {names!r}:
-            raise ModuleNotFoundError(f"No module named {{name!r}}", name=name)
+class Without:
+    def __init__(self, finder):
+        self.finder = finder
 
-sys.meta_path.insert(0, Absent())
+    def __getattr__(self, name):
+        return getattr(self.finder, name)
+
+    def find_spec(self, name, *more):
+        absent = name.partition(".")[0] in {names!r}
+        return None if absent else self.finder.find_spec(name, *more)
+
+sys.meta_path[:] = map(Without, sys.meta_path)
 """
 
 
@@ -491,7 +563,7 @@ except Exception as error:
     done = run_without(names, program, tmp_path)
     assert done.returncode == 0, done.stderr
     lines = done.stdout.splitlines()
-    assert lines[:3] == [f"lossless {len(faces)}", "30", "True"]
+    assert lines[:3] == [f"nothing {len(faces)}", "30", "True"]
     assert "pip install 'pandis-fields[workflow]'" in lines[3]
 
 

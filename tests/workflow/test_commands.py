@@ -5,6 +5,8 @@ import os
 import re
 import subprocess
 import sys
+import tempfile
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -62,8 +64,17 @@ def test_check_tells_by_its_status_whether_a_mesh_is_valid(tmp_path, capsys):
     assert "mesh.weld: Input should be a valid number" in capsys.readouterr().err
     assert typed("labels", "part.ply", "--near", "-3") == USAGE
     assert "samples.near" in capsys.readouterr().err
-    assert typed("field", "part.ply", "--set", "traim.x=3") == USAGE
-    assert "did you mean 'train'" in capsys.readouterr().err
+    for wrong, message in (
+        ("traim.x=3", "did you mean 'train'"),
+        ("mesh=3", "write SECTION.KEY=VALUE"),
+        ("kind=exact", "write SECTION.KEY=VALUE"),
+        ("meshes.x=1", "there is no section meshes"),
+        ("mesh.opne=cap", "mesh.opne: unknown option; did you mean 'open'"),
+    ):
+        assert typed("field", "part.ply", "--set", wrong) == USAGE
+        assert message in capsys.readouterr().err
+    assert typed("check", "part.ply", "--seed", "-1") == USAGE
+    assert typed("check", "analytic:sphere") == FINE
 
 
 def test_several_meshes_end_with_a_table_and_the_worst_status(tmp_path, capsys):
@@ -126,6 +137,42 @@ def test_points_that_nobody_can_hold_are_refused_at_once(tmp_path, capsys):
     assert "GB of memory" in capsys.readouterr().err
     assert typed("labels", "part.ply", "--near", 0, "--surface", 0, "--volume", 0) == REFUSED
     assert "no points are wanted" in capsys.readouterr().err
+
+
+def test_names_keep_all_but_the_ending(tmp_path, capsys):
+    box(tmp_path, "part.v1.ply"), box(tmp_path, "part.v2.ply")
+    assert typed("field", "part.v1.ply", "part.v2.ply", "--kind", "exact", "--quiet") == FINE
+    assert {path.name for path in tmp_path.glob("*.pandis")} == {"part.v1.pandis", "part.v2.pandis"}
+
+
+def test_a_stopped_command_leaves_nothing(tmp_path, monkeypatch, capsys):
+    box(tmp_path)
+    before = set(Path(tempfile.gettempdir()).glob("pandis-*"))
+
+    def stop(*_, **__):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("pandis.pipeline.geometry.strata.Strata.shards", stop)
+    assert typed("labels", "part.ply", "--quiet") == 130
+    assert "interrupted" in capsys.readouterr().err
+    assert [path.name for path in tmp_path.iterdir()] == ["part.ply"]
+    assert set(Path(tempfile.gettempdir()).glob("pandis-*")) <= before
+
+
+def test_a_reader_that_goes_away_is_no_error(tmp_path):
+    box(tmp_path)
+    program = (
+        "import sys; from pandis.__main__ import main; sys.stdin.read()\n"
+        "sys.exit(main(['check', 'part.ply']))"
+    )
+    path = os.pathsep.join(sys.path)
+    with subprocess.Popen([sys.executable, "-c", program], stdin=subprocess.PIPE,
+                          stdout=subprocess.PIPE, stderr=subprocess.PIPE,
+                          env=os.environ | {"PYTHONPATH": path}) as running:  # fmt: skip
+        running.stdout.close()
+        running.stdin.close()
+        error = running.stderr.read().decode()
+        assert (running.wait(), error) == (0, "")
 
 
 def test_compare_tells_by_its_status_whether_a_field_is_fit(tmp_path, capsys):
@@ -247,8 +294,11 @@ def test_run_writes_a_configuration_and_carries_it_out(workspace):
     written = yaml.safe_load((workspace / "part.yaml").read_text())
     assert written["device"] == {"size": 0.05, "stiffness": 400}
     assert written["fields"] == ["exact", "compact-auto"]
-    (workspace / "part.yaml").write_text("mine: 1\n")
+    (workspace / "part.yaml").write_text(yaml.safe_dump(written | {"fields": ["exact"]}))
     done = subprocess.run(command, cwd=workspace, env=environment(**path), text=True,
                           capture_output=True, check=False)  # fmt: skip
-    assert done.returncode == REFUSED
-    assert "part.yaml exists" in done.stderr
+    assert "part.yaml exists and is used as it is; --force writes it anew" in done.stderr
+    assert "export_native        1" in done.stdout
+    done = subprocess.run([*command, "--force"], cwd=workspace, env=environment(**path), text=True,
+                          capture_output=True, check=False)  # fmt: skip
+    assert "export_native        2" in done.stdout

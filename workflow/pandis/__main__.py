@@ -1,6 +1,8 @@
 """The command ``pandis``. A command's module is imported when it is run."""
 
 import argparse
+import os
+import signal
 import sys
 from importlib import import_module
 
@@ -28,10 +30,25 @@ COMMANDS = {
 def main(arguments=None):
     """Run the command and return its exit status.
 
-    It is 0 if all is well, 1 if a mesh or a field is not fit for use, 2 for wrong arguments, and 3
-    if something was refused.
+    It is 0 if all is well, 1 if a mesh or a field is not fit for use, 2 for wrong arguments, 3 if
+    something was refused, and 130 if the command was stopped.
     """
-    arguments = sys.argv[1:] if arguments is None else arguments
+    if arguments is None:
+        arguments = sys.argv[1:]
+        signal.signal(signal.SIGTERM, signal.default_int_handler)  # temporary files are removed
+    try:
+        status = _run(arguments)
+        sys.stdout.flush()
+    except BrokenPipeError:  # whoever read the output has what it wants
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return 0
+    except KeyboardInterrupt:
+        print("interrupted", file=sys.stderr)
+        return 130
+    return status
+
+
+def _run(arguments):
     parser = argparse.ArgumentParser(
         prog="pandis",
         description="Make fields, solids and labels from triangle meshes, and use the files.",

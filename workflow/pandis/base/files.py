@@ -3,6 +3,7 @@
 import errno
 import os
 import secrets
+import stat
 from contextlib import suppress
 from pathlib import Path
 
@@ -84,12 +85,25 @@ def check_output(path, *, force):
         The path exists (unless ``force``), is a folder, or lies in none.
     """
     path = Path(path)
-    if path.is_dir():
+    try:
+        kind = path.stat().st_mode
+    except FileNotFoundError:
+        kind = None
+    except OSError as error:
+        raise PandisError(f"{path}: cannot be written: {error.strerror}") from error
+    if kind is None:
+        if not path.parent.is_dir():
+            raise PandisError(f"{path}: there is no folder {path.parent}; create it")
+    elif stat.S_ISDIR(kind):
         raise PandisError(f"{path} is a folder; name a file in it")
-    if path.exists() and not force:
-        raise PandisError(f"{path} exists; --force (force=True) replaces it")
-    if not path.parent.is_dir():
-        raise PandisError(f"{path}: there is no folder {path.parent}; create it")
+    elif not stat.S_ISREG(kind):
+        raise PandisError(f"{path} is a device and no file; name a file")
+    elif not force:
+        raise _exists(path)
+
+
+def _exists(path):
+    return PandisError(f"{path} exists; --force (force=True) replaces it")
 
 
 def write_new(path, data, *, check=None, force=False):
@@ -114,6 +128,8 @@ def write_new(path, data, *, check=None, force=False):
     """
     path = Path(path)
     check_output(path, force=force)
+    if path.is_symlink():
+        path = path.resolve()  # the link stays
     part = path.with_name(f".{path.stem}.{secrets.token_hex(4)}{path.suffix}")
     try:
         write_atomically(part, data, path)
@@ -125,7 +141,7 @@ def write_new(path, data, *, check=None, force=False):
         try:
             os.link(part, path)  # unlike a move, this fails if the file exists
         except FileExistsError:
-            check_output(path, force=False)
+            raise _exists(path) from None
         except OSError:  # a file system without hard links
             check_output(path, force=False)
             part.replace(path)

@@ -10,6 +10,7 @@ from pandis.base.files import check_output
 from pandis.commands.options import add_model, add_set, as_flags, options_of
 from pandis.pipeline.api.labelling import DEFAULTS
 from pandis.pipeline.api.writing import mesh_format
+from pandis.pipeline.run.ask.sourcing import stem_of
 
 FINE, UNFIT, USAGE, REFUSED = range(4)
 _EXAMPLES = {
@@ -120,7 +121,7 @@ class _Command:
             elif output.suffix != _ENDINGS[self.name]:
                 raise PandisError(f"-o {output}: the ending must be {_ENDINGS[self.name]}")
             return [output]
-        names = [Path(path).name.partition(".")[0] + _ENDINGS[self.name] for path in words.meshes]
+        names = [stem_of(path) + _ENDINGS[self.name] for path in words.meshes]
         for name in names:
             if names.count(name) > 1:
                 raise PandisError(f"two meshes would be written to {name}: run them apart")
@@ -172,8 +173,9 @@ class _Command:
 
     def _field(self, path, output, log):
         words = self.words
-        kind = words.kind or ("auto" if words.budget else "compact-auto")
-        field = pandis.field(path, kind, budget=words.budget, log=log, **self.options)
+        kind = words.kind or ("compact-auto" if words.budget is None else "auto")
+        limits = {} if words.budget is None else {"budget": words.budget}
+        field = pandis.field(path, kind, log=log, **(self.options | limits))
         field.save(output, words.force)
         size = output.stat().st_size
         line = f"{output}: {kind}, {field.bytes:,} bytes to query, {size:,} in the file"

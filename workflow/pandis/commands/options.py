@@ -1,11 +1,12 @@
 """Options of commands that stand for options of the configuration."""
 
 import argparse
+import difflib
 from types import NoneType
 from typing import Literal, get_args, get_origin
 
-from pandis.base.errors import PandisError
-from pandis.pipeline.api.options import FLAT
+from pandis.base.errors import ConfigError
+from pandis.pipeline.api.options import FLAT, WHOLE
 
 
 def add_model(parser, section, *, defaults=None):
@@ -55,22 +56,37 @@ def add_set(parser):
 
 
 def options_of(words, sections):
-    """Return the options that were given on the command line, as arguments of a function."""
+    """Return the options that were given on the command line, as arguments of a function.
+
+    Raises
+    ------
+    ConfigError
+        A ``--set`` is not KEY=VALUE, or its key is not that of an option.
+    """
     names = [name for section in sections for name in FLAT[section].model_fields]
     options = {name: getattr(words, name) for name in names if hasattr(words, name)}
     if getattr(words, "seed", None) is not None:
         options["seed"] = words.seed
     for pair in getattr(words, "extra", []):
         key, equals, value = pair.partition("=")
-        if not equals:
-            raise PandisError(f"--set {pair}: write KEY=VALUE")
-        part, *path = key.split(".")
+        *path, last = key.split(".")
+        if not equals or not path:
+            raise _fault(f"--set {pair}", "write SECTION.KEY=VALUE")
+        if path[0] not in (*sections, *WHOLE):
+            near = difflib.get_close_matches(path[0], [*sections, *WHOLE], n=1)
+            hint = f"; did you mean '{near[0]}'?" if near else ""
+            raise _fault(f"--set {pair}", f"there is no section {path[0]}{hint}")
         inner = options
         for name in path:
-            inner = inner.setdefault(part, {})
-            part = name
-        inner[part] = _plain(value)
+            inner = inner.setdefault(name, {})
+            if not isinstance(inner, dict):
+                raise _fault(f"--set {pair}", f"{name} has a value already")
+        inner[last] = _plain(value)
     return options
+
+
+def _fault(where, why):
+    return ConfigError(f"{where}: {why}", {where: why})
 
 
 def _plain(text):

@@ -1,12 +1,14 @@
 """The command ``pandis run``: the whole workflow on a few meshes."""
 
+import json
+import re
 import subprocess
 import sys
 from importlib.util import find_spec
 from pathlib import Path
 
 from pandis.base.errors import PandisError
-from pandis.base.files import write_new
+from pandis.base.files import check_output, write_new
 from pandis.base.workflow import workflow_folder
 from pandis.commands.meshes import FINE, REFUSED
 from pandis.pipeline.api.sources import source_of
@@ -19,7 +21,7 @@ def add_options(name, parser):
     del name
     parser.epilog = (
         f"examples:\n  {_EXAMPLE}\n\nIt writes a configuration, which you can edit, and "
-        "runs it. The same command goes on where it stopped."
+        "runs it. The same command goes on where it stopped, with the configuration as it is."
     )
     parser.add_argument("meshes", nargs="+", metavar="MESH", help="a mesh file")
     parser.add_argument(
@@ -30,6 +32,7 @@ def add_options(name, parser):
     )
     parser.add_argument("--size", default="0.1", help="longest side on a device: 60 mm, or m (0.1)")
     parser.add_argument("--stiffness", type=float, default=400.0, help="stiffness, N/m (400)")
+    parser.add_argument("--force", action="store_true", help="write the configuration anew")
     parser.add_argument("-j", "--jobs", type=int, default=2, help="jobs at once (2)")
     parser.add_argument("-n", "--dry-run", action="store_true", help="only say what would run")
     parser.set_defaults(run=_run)
@@ -51,7 +54,7 @@ def _run(words):
 
 
 def _write(words):
-    """Write the configuration, unless it is there already, and return its path."""
+    """Write the configuration, unless there is one already, and return its path."""
     meshes = {}
     for text in words.meshes:
         name = source_of(text).name
@@ -60,14 +63,19 @@ def _write(words):
         meshes[name] = text
     first = next(iter(meshes))
     path = Path(words.output or f"{first}.yaml")
+    check_output(path, force=True)
+    folder = re.sub(r"[^A-Za-z0-9_-]", "-", path.stem)
+    size = words.size if re.fullmatch(r"[\d.e-]+", words.size) else json.dumps(words.size)
     lines = [
-        f"results: results/{path.stem}",
-        f"fields: [{words.fields.replace(',', ', ')}]",
-        f"device: {{size: {words.size}, stiffness: {words.stiffness:g}}}  # m, N/m",
+        f"results: results/{folder}",
+        f"fields: {json.dumps(words.fields.split(','))}",
+        f"device: {{size: {size}, stiffness: {words.stiffness:g}}}",
         "meshes:",
-        *(f'  {name}: {{source: "{text}"}}' for name, text in meshes.items()),
+        *(f"  {name}: {{source: {json.dumps(text)}}}" for name, text in meshes.items()),
     ]
     text = "\n".join(lines) + "\n"
-    if not path.exists() or path.read_text(encoding="utf-8") != text:
-        write_new(path, text.encode())
+    if words.force or not path.exists():
+        write_new(path, text.encode(), force=True)
+    elif path.read_text(encoding="utf-8") != text:
+        print(f"{path} exists and is used as it is; --force writes it anew", file=sys.stderr)
     return path

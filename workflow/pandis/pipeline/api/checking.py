@@ -6,21 +6,25 @@ from importlib.util import find_spec
 
 import numpy as np
 
+from pandis.base.errors import PandisError
 from pandis.pipeline.api.options import sections
 from pandis.pipeline.api.sources import source_of
+from pandis.pipeline.geometry.shapes import find_shape
 from pandis.pipeline.mesh.diagnosis import FAULTS, diagnose
 from pandis.pipeline.mesh.forecast import forecast
-from pandis.pipeline.mesh.formats import Reading
+from pandis.pipeline.mesh.formats import FormatError, Reading
 from pandis.pipeline.mesh.intake import check_arrays, find_file, read_mesh
 from pandis.pipeline.mesh.places import fault_places
 from pandis.pipeline.mesh.topology import compact, same_place
 from pandis.pipeline.run.ask.faults import faults_of, raise_faults
 from pandis.pipeline.run.ask.options import MeshOptions
-from pandis.pipeline.run.ask.sourcing import format_of
+from pandis.pipeline.run.ask.sourcing import ANALYTIC, format_of
 
 #: Rough costs on one core: seconds of a process and its imports, and per million faces of reading
 #: and diagnosing a mesh, of its lossless repair, of its slow repair, and of `compact-auto`.
 _START, _READ, _LOSSLESS, _SLOW, _FIELD = 1.5, 20.0, 60.0, 600.0, 100.0
+#: Seconds that the slow rungs take at least, on average.
+_RUNGS = 10.0
 
 
 @dataclass(frozen=True)
@@ -95,10 +99,10 @@ class Report:
     def __str__(self) -> str:
         size = " x ".join(f"{side:.4g}" for side in self.size)
         unit = "" if self.unit == "unknown" else f" {self.unit}"
-        lines = [
-            f"{self.source}: {'valid' if self.ok else 'not valid'}; {self.faces:,} faces, "
-            f"{self.components:,} component{'s' * (self.components != 1)}, {size}{unit}"
-        ]
+        sizes = {"face": self.faces, "component": self.components}
+        counts = [f"{count:,} {name}{'s' * (count != 1)}" for name, count in sizes.items()]
+        verdict = "valid" if self.ok else "not valid"
+        lines = [f"{self.source}: {verdict}; {', '.join(counts)}, {size}{unit}"]
         if self.unit == "unknown":
             lines.append("  unit unknown: say what a length of 1 means to whoever uses it")
         if self.wall:
@@ -128,7 +132,7 @@ class Report:
         return "\n".join(lines)
 
 
-def check(mesh: object, **options: object) -> Report:
+def check(mesh: object, /, **options: object) -> Report:
     """Find everything about a mesh that a signed distance cannot have, and what repair would do.
 
     Nothing is changed or written.
@@ -150,11 +154,16 @@ def check(mesh: object, **options: object) -> Report:
     values = config.get("mesh", {})
     raise_faults({f"mesh.{key}": why for key, why in faults_of(MeshOptions, values).items()})
     wishes = MeshOptions.model_validate(values)
-    if source.arrays is None:
+    if source.text.startswith(ANALYTIC):
+        reading = Reading(*find_shape(source.text.removeprefix(ANALYTIC)).tessellation())
+    elif source.arrays is None:
         limits = {"seconds": wishes.reader_seconds, "memory_gb": wishes.reader_memory_gb}
         reading, _ = read_mesh(source.text, find_file(source.text), **limits)
     else:
-        check_arrays(*source.arrays)
+        try:
+            check_arrays(*source.arrays)
+        except FormatError as error:
+            raise PandisError(f"{source.text}: {error}") from None
         reading = Reading(*source.arrays)
     vertices, faces, notes = reading.vertices, reading.faces, list(reading.notes)
     if format_of(source.text) == "stl":  # it has no other way to share a vertex
@@ -171,6 +180,7 @@ def check(mesh: object, **options: object) -> Report:
         )
     repair = {"nothing": 0.0, "lossless": _LOSSLESS, "repair": _SLOW, "refusal": 0.0}
     seconds = _START + (_READ + repair[ahead.outcome]) * millions
+    seconds += _RUNGS * (ahead.outcome == "repair")
     places = fault_places(vertices, faces, found_faults)
     return Report(
         source=source.text,

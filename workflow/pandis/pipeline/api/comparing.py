@@ -6,6 +6,7 @@ from os import PathLike
 
 import numpy as np
 
+from pandis.base.errors import PandisError
 from pandis.base.forces import force_of, penalty_force
 from pandis.base.physical import Scale
 from pandis.base.progress import Log
@@ -17,6 +18,7 @@ from pandis.pipeline.geometry.measure import contact_errors, draw_contacts
 from pandis.pipeline.geometry.shares import MISSING_LIMIT
 from pandis.pipeline.judge.controls import controls, demand_failure
 from pandis.pipeline.kinds.field import ExactField
+from pandis.pipeline.run.ask.faults import faults_of, raise_faults
 from pandis.pipeline.run.ask.options import EvaluationOptions
 from pandis.pipeline.run.plan.stages import stage_seed
 from pandis.runtime.field import NativeField
@@ -84,6 +86,7 @@ class Comparison:
 def compare(
     field: str | PathLike[str] | NativeField,
     mesh: object,
+    /,
     *,
     log: Log | None = None,
     **options: object,
@@ -110,8 +113,11 @@ def compare(
     PandisError
         The file or the mesh cannot be read, the mesh cannot be repaired, or a control passed.
     """
+    if not isinstance(field, NativeField | str | PathLike):
+        raise PandisError(f"expected a field or the path of a .pandis file, not {field!r}")
     opened = field if isinstance(field, NativeField) else NativeField(field)
     count = options.pop("probes", EvaluationOptions().probes)
+    raise_faults(faults_of(EvaluationOptions, {"probes": count}))
     config = sections(options, ("mesh", "device"))
     with stages(mesh, config, log) as run:
         body, scale = Body.open(run.artifact("mesh")), Scale.of(run.entry.device)

@@ -17,6 +17,7 @@ _SECTIONS = ("mesh", "device", "samples", "bake", "export", "budget", "stress", 
 
 def field(
     mesh: object,
+    /,
     kind: str = "compact-auto",
     *,
     budget: str | dict[str, object] | None = None,
@@ -60,6 +61,8 @@ def field(
     config = sections(options, _SECTIONS)
     config["fields"] = [kind]
     if budget is not None:
+        if not isinstance(budget, str | dict):
+            raise _wrong(f"expected a text such as '20 mN, 500 kB', or a dict, not {budget!r}")
         config["budget"] = read_budget(budget) if isinstance(budget, str) else dict(budget)
         if "N" in str(config["budget"].get("force_error", "")) and "device" not in config:
             log("newtons are those of an object of 0.10 m at 400 N/m; size and stiffness change it")
@@ -107,6 +110,6 @@ def _wrong(why):
 
 def _is_number(text):
     try:
-        return float(text) > 0
+        return 0 < float(text) < float("inf")
     except ValueError:
         return False

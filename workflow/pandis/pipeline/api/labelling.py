@@ -69,7 +69,7 @@ class Labels(NamedTuple):
         write_arrays(path, arrays | {"scale": np.array(frame.scale)}, force=force)
 
 
-def labels(mesh: object, *, log: Log | None = None, **options: object) -> Labels:
+def labels(mesh: object, /, *, log: Log | None = None, **options: object) -> Labels:
     """Draw points on, near and around a mesh, and label them with exact distances and normals.
 
     A mesh that is not valid is repaired first.
@@ -120,7 +120,7 @@ def _check_counts(counts):
 
 
 def signed_distance(
-    mesh: object, points: ArrayLike, *, log: Log | None = None, **options: object
+    mesh: object, points: ArrayLike, /, *, log: Log | None = None, **options: object
 ) -> Floats:
     """Return the exact signed distances (n,) of points (n, 3) from a mesh, negative inside.
 

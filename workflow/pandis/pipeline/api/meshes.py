@@ -70,7 +70,7 @@ class Mesh:
         return f"<Mesh: {len(self.vertices):,} vertices, {len(self.faces):,} faces, {did}>"
 
 
-def repair(mesh: object, *, log: Log | None = None, **options: object) -> Mesh:
+def repair(mesh: object, /, *, log: Log | None = None, **options: object) -> Mesh:
     """Return a mesh as one closed, outward oriented surface, with a record of what was done.
 
     A mesh that is valid as read comes back bit for bit.

@@ -3,7 +3,6 @@
 import difflib
 
 from pandis.base.errors import ConfigError
-from pandis.pipeline.run.ask.config import StageOptions
 from pandis.pipeline.run.ask.options import (
     BakeOptions,
     MeshOptions,
@@ -49,18 +48,21 @@ def sections(options, allowed):
     sorted_ = {}
     for key, value in options.items():
         if key in allowed:
-            sorted_[key] = {**sorted_.get(key, {}), **value} if isinstance(value, dict) else value
+            if not isinstance(value, dict):
+                raise _fault(key, f"expected options by name, not {value!r}")
+            sorted_[key] = {**value, **sorted_.get(key, {})}
         elif key in names:
             sorted_.setdefault(names[key], {})[key] = value
+        elif key == "seed" and not (type(value) is int and value >= 0):
+            raise _fault(key, f"expected a whole number from 0, not {value!r}")
         elif key in ("seed", "name"):
             sorted_[key] = value
         else:
             near = difflib.get_close_matches(key, [*names, *allowed], n=1)
             hint = f"; did you mean '{near[0]}'?" if near else ""
-            raise ConfigError(f"unknown option '{key}'{hint}", {key: f"unknown option{hint}"})
+            raise _fault(key, f"unknown option{hint}")
     return sorted_
 
 
-def default_of(section, key):
-    """Return the default of an option."""
-    return StageOptions().model_dump()[section][key]
+def _fault(key, why):
+    return ConfigError(f"{key}: {why}", {key: why})

@@ -5,8 +5,8 @@ byte.
 """
 
 import re
-import runpy
 import tempfile
+import threading
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -24,6 +24,8 @@ from pandis.pipeline.run.job.provenance import CodeDigests, combine, needs
 from pandis.pipeline.run.job.stage import here
 from pandis.pipeline.run.plan.stages import STAGES, PlannedJob
 
+#: A stage limits the threads of the process's BLAS while it runs.
+_ONE_AT_A_TIME = threading.Lock()
 #: Inputs of the stages by name, as in their rules: files of the mesh's folder.
 _INPUTS = {
     "mesh": {},
@@ -120,13 +122,15 @@ class Stages:
         built = {spec.artifact: spec for spec in field_holders(self.entry)}.get(stem)
         planned = PlannedJob(stage, self.mesh, self.entry, wildcards, built)
         options = plain(STAGES[stage].options(planned))
-        code = combine(self._digests.modules(stage, needs(options)))
-        script.params.update(options=options, code=code)
+        digest = combine(self._digests.modules(stage, needs(options)))
+        script.params.update(options=options, code=digest)
         if stage == "mesh":
             arrays = self.source.arrays is not None
             script.params["source"] = "" if arrays else SourceDigests().of(self.source.text)
+        code = Path(script.scriptdir, f"{stage}.py")
         try:
-            runpy.run_path(f"{script.scriptdir}/{stage}.py", {"snakemake": script})
+            with _ONE_AT_A_TIME:
+                exec(compile(code.read_text(encoding="utf-8"), code, "exec"), {"snakemake": script})
         except ModuleNotFoundError as error:
             if str(error.name).partition(".")[0] == "pandis":
                 raise
@@ -177,9 +181,8 @@ def stages(mesh, options, log=None):
     options = dict(options)
     name, log = options.pop("name", None), log or (lambda text: None)
     if name is not None and not re.fullmatch(MESH_NAME, str(name)):
-        raise ConfigError(
-            f"name: {name!r} must start with a-z; the rest may be a-z, 0-9, - or _", {}
-        )
+        why = f"{name!r} must start with a-z; the rest may be a-z, 0-9, - or _"
+        raise ConfigError(f"name: {why}", {"name": why})
     try:
         with tempfile.TemporaryDirectory(prefix="pandis-") as folder:
             yield Stages(source_of(mesh), options, folder, log=log, name=name)

@@ -2,14 +2,13 @@
 
 import re
 from os import PathLike
-from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 
 from pandis.base.errors import PandisError
 from pandis.pipeline.run.ask.catalogue import RESERVED_NAMES
-from pandis.pipeline.run.ask.sourcing import ANALYTIC, FORMATS, SHIPPED, source_fault, url_extension
+from pandis.pipeline.run.ask.sourcing import ANALYTIC, SHIPPED, source_fault, stem_of, url_extension
 
 #: Stands for the path of a mesh that is passed as arrays.
 ARRAYS = "arrays"
@@ -37,8 +36,7 @@ class Source(NamedTuple):
     def name(self):
         """The name of the mesh in a configuration: that of its file, in permitted characters."""
         text = self.text.removeprefix(SHIPPED).removeprefix(ANALYTIC)
-        stem = Path(text).name.partition(".")[0].lower()
-        name = re.sub(r"[^a-z0-9_-]", "-", stem)
+        name = re.sub(r"[^a-z0-9_-]", "-", stem_of(text).lower())
         if not re.match("[a-z]", name) or name in RESERVED_NAMES:
             name = f"mesh-{name}"
         return name
@@ -125,8 +123,3 @@ def _unpadded(faces):
     if len(faces) % 4 or (faces[::4] != 3).any():
         raise PandisError("the mesh has polygons: call its triangulate() first")
     return faces.reshape(-1, 4)[:, 1:]
-
-
-def known_formats():
-    """Return the file formats that are read, as text."""
-    return ", ".join(f".{form}" for form in FORMATS)

@@ -14,6 +14,7 @@ from pandis.pipeline.mesh.topology import compact, same_place
 
 #: Formats in which meshes are written; all but STL store every coordinate exactly.
 MESH_FORMATS = ("obj", "off", "ply", "stl")
+SINGLE = "STL stores coordinates in single precision, in which this mesh is not valid"
 
 
 def mesh_format(path):
@@ -83,7 +84,12 @@ def write_mesh(path, vertices, faces, *, force=False):
     check_output(path, force=force)
 
     def check(part):
-        reading, _ = read_mesh(str(path), part)
+        try:
+            reading, _ = read_mesh(str(path), part)
+        except PandisError as error:
+            if form != "stl":
+                raise
+            raise PandisError(f"{path}: {SINGLE} ({error}); write .ply or .obj instead") from None
         corners = reading.vertices[reading.faces]
         same = np.array_equal(
             corners, vertices[faces].astype(np.float32 if form == "stl" else float)
@@ -92,8 +98,7 @@ def write_mesh(path, vertices, faces, *, force=False):
         diagnosis = diagnose(*compact(reading.vertices, welded))
         if not (same and diagnosis.valid):
             raise PandisError(
-                f"{path}: STL stores coordinates in single precision, in which this mesh is not "
-                f"valid ({diagnosis.faults()}); write .ply or .obj instead"
+                f"{path}: {SINGLE} ({diagnosis.faults()}); write .ply or .obj instead"
                 if form == "stl"
                 else f"{path}: the file does not contain the mesh that was written to it; this is "
                 "a defect of pandis: please report it"

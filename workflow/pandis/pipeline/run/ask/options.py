@@ -75,7 +75,7 @@ class SampleOptions(Options):
     offsets: int = Field(
         100_000, ge=0, description="points off the surface along the normal, over all scales"
     )
-    scales: Annotated[list[Positive], Field(min_length=1)] = Field(
+    scales: Annotated[list[Annotated[float, Field(gt=0, le=2)]], Field(min_length=1)] = Field(
         [0.003, 0.01, 0.03], description="standard deviations of the offsets"
     )
     shallow: int = Field(350_000, ge=0, description="points within 0.0115 below the surface")

@@ -51,6 +51,15 @@ def format_of(path):
     return suffixes[-1] if suffixes else ""
 
 
+def stem_of(path):
+    """Return the name of a mesh file without the ending of its format and ``.gz``."""
+    name = Path(path).name
+    for ending in ("gz", format_of(path)):
+        if name.lower().endswith(f".{ending}") and ending:
+            name = name[: -len(ending) - 1]
+    return name
+
+
 def shipped_folder():
     """Return the folder of the meshes that ship with PyMeshLab; None if it is not installed."""
     spec = find_spec("pymeshlab")
