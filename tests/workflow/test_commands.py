@@ -6,7 +6,6 @@ import re
 import subprocess
 import sys
 import tempfile
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -146,8 +145,8 @@ def test_names_keep_all_but_the_ending(tmp_path, capsys):
 
 
 def test_a_stopped_command_leaves_nothing(tmp_path, monkeypatch, capsys):
-    box(tmp_path)
-    before = set(Path(tempfile.gettempdir()).glob("pandis-*"))
+    box(tmp_path), (tmp_path / "temporary").mkdir()
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path / "temporary"))
 
     def stop(*_, **__):
         raise KeyboardInterrupt
@@ -155,8 +154,8 @@ def test_a_stopped_command_leaves_nothing(tmp_path, monkeypatch, capsys):
     monkeypatch.setattr("pandis.pipeline.geometry.strata.Strata.shards", stop)
     assert typed("labels", "part.ply", "--quiet") == 130
     assert "interrupted" in capsys.readouterr().err
-    assert [path.name for path in tmp_path.iterdir()] == ["part.ply"]
-    assert set(Path(tempfile.gettempdir()).glob("pandis-*")) <= before
+    assert {path.name for path in tmp_path.iterdir()} == {"part.ply", "temporary"}
+    assert list((tmp_path / "temporary").iterdir()) == []
 
 
 def test_a_reader_that_goes_away_is_no_error(tmp_path):

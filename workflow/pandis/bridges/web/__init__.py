@@ -59,7 +59,8 @@ def write_page(
     first = fields[0].path
     name = first.parent.parent.name if first.parent.name == "export" else first.stem
     run_size, run_stiffness = _scale_beside(first)
-    size, stiffness = size or run_size, run_stiffness if stiffness is None else stiffness
+    size = run_size if size is None else size
+    stiffness = run_stiffness if stiffness is None else stiffness
     text = page(name, fields, size, stiffness=stiffness, up=up)
     Path(path).write_text(text, encoding="utf-8")
 

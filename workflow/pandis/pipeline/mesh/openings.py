@@ -9,6 +9,8 @@ from pandis.pipeline.mesh.topology import EdgeTable, components
 
 #: Capping is advised only if at most this share of the area has no solid behind it.
 SHEETS = 0.05
+#: Nor is it if more than this share of the area has a solid in front of it, as in piles of parts.
+CROWDED = 0.2
 #: Small open pieces are debris if their total share of the area is below this.
 DEBRIS = 0.01
 #: Advice for a surface that has no inside.
@@ -88,9 +90,11 @@ def advice(vertices, faces, seed):
     """Return the value of `mesh.open` that suits an open surface, and a sentence about it."""
     front, behind = _windings_beside(vertices, faces, seed)
     sheet = np.maximum(front, behind) < 0.5
-    if sheet.mean() <= SHEETS and (behind > 0.7).mean() > 0.5:
+    crowded = (front > 0.3).mean() > CROWDED
+    if sheet.mean() <= SHEETS and (behind > 0.7).mean() > 0.5 and not crowded:
         return "cap", "To close the holes nevertheless, set `mesh: {open: cap}` for this mesh"
-    return "thicken", f"Much of the surface is a sheet with no solid behind it. {THICKEN}"
+    what = "has solid on both sides" if crowded else "is a sheet with no solid behind it"
+    return "thicken", f"Much of the surface {what}. {THICKEN}"
 
 
 def _windings_beside(vertices, faces, seed):

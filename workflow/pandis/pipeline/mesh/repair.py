@@ -193,10 +193,16 @@ def _part_with_loose(ladder):
     if ladder.options.open == "cap":
         ladder.leave_out(loose, what)
         return
+    option, sentence = "cap", ""
+    if not loose.all():
+        option, sentence = advice(ladder.vertices, ladder.faces[~loose], ladder.seed)
+    if option == "cap":
+        sentence = (
+            "To leave these out and close the holes of the rest, set `mesh: {open: cap}` for this "
+            "mesh"
+        )
     raise RepairError(
-        f"the mesh is open: {ladder.now.faults()}; there are {what}. To leave these out and "
-        "close the holes of the rest, set `mesh: {open: cap}` for this mesh",
-        open="cap",
+        f"the mesh is open: {ladder.now.faults()}; there are {what}. {sentence}", open=option
     )
 
 
