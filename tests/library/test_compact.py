@@ -30,7 +30,6 @@ from pandis.pipeline.kinds.compact.packing import (
 )
 from pandis.pipeline.kinds.compact.reference import CompactField
 from pandis.pipeline.kinds.compact.sides import find_sides
-from pandis.pipeline.kinds.compact.unpacking import unpack
 from pandis.pipeline.kinds.exported import ExportedField
 from pandis.pipeline.kinds.field import CUT, ExactField
 from pandis.pipeline.kinds.limits import near_surface
@@ -41,6 +40,7 @@ from pandis.pipeline.run.ask.faults import near_field
 from pandis.pipeline.run.ask.options import NativeOptions
 from pandis.runtime.field import NativeField
 from pandis.runtime.field.files import pack
+from pandis.runtime.field.unpacking import unpack
 from shapes import cone, open_shape, plate
 from support import artifact, box_mesh
 

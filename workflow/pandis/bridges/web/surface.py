@@ -4,9 +4,11 @@ from itertools import product
 
 import numpy as np
 
+from pandis.base.frame import UNIT_SIDE
 from pandis.runtime.field import NativeField
-from pandis.runtime.field.constants import MESH
+from pandis.runtime.field.constants import COMPACT, MESH
 from pandis.runtime.field.files import read_contents
+from pandis.runtime.field.unpacking import unpack
 
 #: Cells along each axis of the box, and along a block.
 CELLS, BLOCK = 96, 8
@@ -20,16 +22,27 @@ _EDGES = [(a, b) for a in range(8) for b in range(a + 1, 8)
 def surface_of(field: NativeField) -> tuple[np.ndarray, np.ndarray]:
     """Return corners (V, 3), unit frame, and faces (F, 3) of a field's surface.
 
-    For an exact field with at most `FACES` faces this is its mesh. For all others the corners are
-    on the zero set of the distance.
+    For an exact or a compact field with at most `FACES` faces this is its mesh. For all others the
+    corners are on the zero set of the distance.
     """
-    if field.kind == MESH and field.path.is_file():
-        sections = read_contents(field.path).sections
-        faces = np.frombuffer(sections["FACE"], "<i4").reshape(-1, 3)
+    if field.kind in (MESH, COMPACT) and field.path.is_file():
+        corners, faces = _mesh_of(field)
         if len(faces) <= FACES:
-            return np.frombuffer(sections["VERT"], "<f8").reshape(-1, 3), faces
+            return corners, faces
     corners, faces = _nets(_values(field))
     return _onto(field, corners), faces
+
+
+def _mesh_of(field):
+    """Return corners (V, 3), unit frame, and faces (F, 3) of the mesh in a field's file."""
+    contents = read_contents(field.path)
+    sections = contents.sections
+    if field.kind == MESH:
+        faces = np.frombuffer(sections["FACE"], "<i4").reshape(-1, 3)
+        return np.frombuffer(sections["VERT"], "<f8").reshape(-1, 3), faces
+    arrays = {"blocks": sections["BLCK"], "packed": sections["PACK"]}
+    steps, faces = unpack({name: np.frombuffer(part, np.uint8) for name, part in arrays.items()})
+    return steps * (UNIT_SIDE / ((1 << contents.wholes[0]) - 1)) - UNIT_SIDE / 2, faces
 
 
 def _values(field):
