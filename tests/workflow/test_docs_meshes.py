@@ -1,6 +1,7 @@
-"""The programs of docs/meshes.md and docs/labels.md, run as they stand."""
+"""The programs of docs/meshes.md, docs/labels.md and docs/results.md, run as they stand."""
 
 import re
+import shutil
 
 import numpy as np
 import pytest
@@ -8,6 +9,7 @@ import trimesh
 
 import pandis
 from pandis.__main__ import main
+from pandis.pipeline.api.running import stages
 from pandis.pipeline.geometry.strata import STRATA
 from support import ROOT
 
@@ -63,3 +65,13 @@ def test_the_dataset_holds_the_labels_that_the_command_writes():
         named = {name for row in rows for name in re.findall(r"\w+", row)}
         assert named == set(stored)
     assert all(f"`{name}`" in text for name in STRATA)
+
+
+def test_an_artifact_is_read_as_the_page_shows(tmp_path, capsys):
+    with stages(tmp_path / "part.stl", {}) as run:
+        (tmp_path / "results/bunny").mkdir(parents=True)
+        shutil.copy(run.make("mesh.zarr.zip"), tmp_path / "results/bunny")
+    seen = {}
+    exec(program("results.md")[1], seen)
+    assert float(capsys.readouterr().out) == pytest.approx(30 * 20 * 12)
+    assert (seen["vertices"].shape, seen["faces"].shape) == ((8, 3), (12, 3))
