@@ -17,6 +17,7 @@ from pandis.engine.packing import (
     find_rays,
     pack_mesh,
 )
+from pandis.engine.packing.unpacking import unpack
 from pandis.pipeline.geometry.body import Body
 from pandis.pipeline.geometry.distance import MeshDistance
 from pandis.pipeline.geometry.hausdorff import distance_to_triangles
@@ -40,7 +41,6 @@ from pandis.pipeline.run.ask.faults import near_field
 from pandis.pipeline.run.ask.options import NativeOptions
 from pandis.runtime.field import NativeField
 from pandis.runtime.field.files import pack
-from pandis.runtime.field.unpacking import unpack
 from shapes import cone, open_shape, plate
 from support import artifact, box_mesh
 

@@ -231,6 +231,7 @@ def test_the_place_of_a_fault_is_where_it_is():
     assert sorted(report.places["boundary_edges"]) == sorted(middles.tolist())
 
 
+@pytest.mark.slow
 def test_a_report_says_what_repair_would_do_and_that_option_works():
     vertices, faces = block()
     top = vertices[faces].mean(axis=1)[:, 2] > 5.9
@@ -426,6 +427,7 @@ def test_a_field_answers_in_the_units_of_the_mesh(kind, tmp_path):
         field.save(tmp_path / "a.pandis")
 
 
+@pytest.mark.slow
 def test_a_budget_is_met_or_refused():
     messages = []
     field = pandis.field(ball(), "auto", budget="20 mN, 500 kB", log=messages.append)
@@ -491,6 +493,7 @@ def test_every_option_of_the_stages_has_a_name_of_its_own():
 # --- compare ----------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_a_field_is_compared_with_its_mesh_and_with_another():
     mesh = ball()
     field = pandis.field(mesh)
@@ -545,6 +548,7 @@ def run_without(names, program, folder):
     )  # fmt: skip
 
 
+@pytest.mark.slow
 def test_without_the_workflows_packages_everything_but_their_rungs_works(tmp_path):
     (tmp_path / "block.stl").write_bytes(mesh_bytes("stl", *block()))
     _, faces = block()

@@ -13,7 +13,11 @@ from pandis.pipeline.judge.scene_header import scene_header
 from pandis.runtime.field.files import read_contents
 from support import ROOT
 
-pytestmark = pytest.mark.skipif(shutil.which("gcc") is None, reason="there is no gcc")
+#: Compiling takes long: `make test-slow`.
+pytestmark = [
+    pytest.mark.slow,
+    pytest.mark.skipif(shutil.which("gcc") is None, reason="there is no gcc"),
+]
 
 #: A box of 30 x 20 x 12 mm around the origin, of two materials.
 BOX = """mtllib none.mtl
@@ -62,7 +66,7 @@ int main(void) {{
 }}
 """
     (folder / "program.c").write_text(source)
-    command = ["gcc", "-std=c99", "-O1", "-I", str(ROOT / "workflow/pandis/engine"), "program.c",
+    command = ["gcc", "-std=c99", "-O0", "-I", str(ROOT / "workflow/pandis/engine"), "program.c",
                "-o", "program", "-lm"]  # fmt: skip
     compiled = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False)
     assert compiled.returncode == 0, compiled.stderr

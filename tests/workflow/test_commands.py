@@ -87,6 +87,7 @@ def test_several_meshes_end_with_a_table_and_the_worst_status(tmp_path, capsys):
     assert second["option"] == {"open": "cap"}
 
 
+@pytest.mark.slow
 def test_a_printed_remedy_works(tmp_path, capsys):
     box(tmp_path, "cup.ply", top=False)
     assert typed("repair", "cup.ply") == REFUSED
@@ -120,6 +121,7 @@ def test_an_existing_file_needs_force_and_a_wrong_name_is_told_at_once(tmp_path,
         assert capsys.readouterr().err.startswith("error: ")
 
 
+@pytest.mark.slow
 def test_several_meshes_get_a_file_each(tmp_path, capsys):
     box(tmp_path, "a.ply"), box(tmp_path, "b.stl")
     assert typed("field", "a.ply", "b.stl", "-o", "out/", "--kind", "exact", "--quiet") == FINE

@@ -5,10 +5,10 @@ from itertools import product
 import numpy as np
 
 from pandis.base.frame import UNIT_SIDE
+from pandis.engine.packing.unpacking import unpack
 from pandis.runtime.field import NativeField
 from pandis.runtime.field.constants import COMPACT, MESH
 from pandis.runtime.field.files import read_contents
-from pandis.runtime.field.unpacking import unpack
 
 #: Cells along each axis of the box, and along a block.
 CELLS, BLOCK = 96, 8

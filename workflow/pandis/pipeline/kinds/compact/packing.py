@@ -9,13 +9,13 @@ from pandis.engine.packing import (
     distance_and_clear,
     pack_mesh,
 )
+from pandis.engine.packing.unpacking import unpack
 from pandis.pipeline.geometry.distance import MeshDistance
 from pandis.pipeline.geometry.hausdorff import farthest
 from pandis.pipeline.kinds.compact.lattice import snap, step_of, to_unit
 from pandis.pipeline.kinds.compact.record import CompactRecord
 from pandis.pipeline.kinds.compact.sides import find_sides
 from pandis.pipeline.kinds.limits import least_limit, near_surface
-from pandis.runtime.field.unpacking import unpack
 
 #: A query visits at most this many blocks and groups of eight faces, which takes about a tenth of a
 #: tick. The limit is raised if half of it would cut a query next to the surface.

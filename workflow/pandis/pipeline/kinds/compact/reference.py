@@ -3,11 +3,11 @@
 import numpy as np
 
 from pandis.base.frame import Frame
+from pandis.engine.packing.unpacking import unpack
 from pandis.pipeline.geometry.distance import SURFACE_DISTANCE, MeshDistance
 from pandis.pipeline.kinds.compact.lattice import to_unit
 from pandis.pipeline.kinds.compact.record import CompactRecord
 from pandis.pipeline.kinds.field import Field
-from pandis.runtime.field.unpacking import unpack
 
 
 class CompactField(Field):
