@@ -1,5 +1,7 @@
 """Repair: known answers, every fault class, the deviation budget, refusals in plain words."""
 
+import subprocess
+
 import igl
 import numpy as np
 import pytest
@@ -552,3 +554,18 @@ def test_what_has_no_geometry_is_refused(meshes):
     for name in ("empty.stl", "infinite_coordinates_box.glb"):
         with pytest.raises(PandisError, match=name):
             real(meshes / "broken" / name)
+
+
+def test_tools_run_on_one_thread_whatever_their_parent_does(monkeypatch):
+    """The exact union orders its faces by the number of libigl's threads."""
+    started, run = [], subprocess.run
+
+    def watched(command, **options):
+        started.append(options["env"])
+        return run(command, **options)
+
+    monkeypatch.setenv("IGL_NUM_THREADS", "2")
+    monkeypatch.setattr(tools.subprocess, "run", watched)
+    tools.call("clean", *box_mesh(), seconds=60, memory_gb=3)
+    names = ("IGL_NUM_THREADS", "OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS")
+    assert [started[0][name] for name in names] == ["1", "1", "1"]

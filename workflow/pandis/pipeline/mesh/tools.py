@@ -120,7 +120,8 @@ def _run(operation, mesh, seconds, *, memory_gb, parameters):
             str(output),
         ]
         root = Path(__file__).resolve().parents[3]
-        one = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"), "1")
+        # the exact union orders faces by the number of libigl's threads
+        one = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "IGL_NUM_THREADS"), "1")
         environment = os.environ | {"PYTHONPATH": python_path(root), **one}
         try:
             done = subprocess.run(
