@@ -23,6 +23,7 @@ from pandis.pipeline.api.options import FLAT, sections
 from pandis.pipeline.api.writing import MESH_FORMATS, mesh_bytes
 from pandis.pipeline.geometry.strata import STRATA
 from pandis.pipeline.mesh.diagnosis import FAULTS
+from pandis.runtime.field import NativeField
 from support import ROOT
 
 
@@ -345,6 +346,8 @@ def test_a_link_is_written_through_and_a_device_is_no_file(tmp_path):
         write_new(tmp_path / "pipe", b"three", force=True)
     with pytest.raises(PandisError, match="cannot be written"):
         write_new(tmp_path / ("a" * 300), b"four")
+    write_new(tmp_path / ("a" * 251 + ".npz"), b"five")  # as long as a name may be
+    assert (tmp_path / ("a" * 251 + ".npz")).read_bytes() == b"five"
 
 
 def test_what_a_check_refuses_leaves_nothing(tmp_path):
@@ -505,6 +508,7 @@ def test_a_field_is_compared_with_its_mesh_and_with_another():
     coarse = pandis.compare(pandis.field(mesh, "nearest-8"), mesh, probes=5000)
     assert not coarse.ok
     assert "NOT fit for use" in str(coarse)
+    assert set(coarse.failed) >= {"missing"}
     moved = mesh[0] * 25.4, mesh[1]
     other = pandis.compare(field, moved, probes=5000)
     assert not other.ok
@@ -516,6 +520,50 @@ def test_a_field_is_compared_with_its_mesh_and_with_another():
     assert larger.sets["contact-deep"]["newtons"] == pytest.approx(
         4 * good.sets["contact-deep"]["newtons"], rel=0.3
     )
+
+
+class Wrong(NativeField):
+    """The exact field, wrong in one way that leaves the force of the others as it is."""
+
+    def query(self, points):
+        distance, normal, flag = super().query(points)
+        if self.way == "twice":
+            distance = np.where(distance < 0, 2 * distance, distance)
+        elif self.way == "aside":
+            normal = normal[:, [1, 2, 0]]
+        elif self.way == "zero":
+            distance = np.abs(distance)
+        elif self.way == "one place":  # a disc of 6 % of the ball, with three times the force
+            there = normal[:, 2] > 0.88
+            distance = np.where(there & (distance < 0), 3 * distance, distance)
+        elif self.way == "in free space":
+            there = (np.asarray(points)[:, 2] > 2 + 10.2) & (distance > 0)
+            distance = np.where(there, -distance, distance)
+        return distance, normal, flag
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("way", "failed"),
+    [
+        ("right", set()),
+        ("twice", {"other"}),
+        ("aside", {"missing", "other"}),
+        ("zero", {"missing", "other"}),
+        ("one place", {"other"}),
+        ("in free space", {"contacts"}),
+    ],
+)
+def test_each_kind_of_wrong_field_fails(way, failed, tmp_path):
+    """The missing force alone is no verdict: twice the force misses none."""
+    pandis.field(ball(), "exact").save(tmp_path / "ball.pandis")
+    field = Wrong(tmp_path / "ball.pandis")
+    field.way = way
+    compared = pandis.compare(field, ball(), probes=5000)
+    assert set(compared.failed) == failed
+    assert compared.ok == (not failed)
+    assert ("NOT fit for use" in str(compared)) == bool(failed)
+    assert all(why in str(compared) for why in compared.failed.values())
 
 
 # --- packages ---------------------------------------------------------------------------------

@@ -79,6 +79,7 @@ def test_a_failed_run_ends_with_what_failed_and_the_option_that_helps(tmp_path):
     done = snakemake(folder, "-j2", "--configfile", CONFIG)
     assert done.returncode == 1
     end = done.stdout[done.stdout.index("A job failed or was stopped:") :]
+    assert "A traceback, if there is one, is above." in end
     (row,) = [line.split(None, 2) for line in end.splitlines() if line.startswith("  ")]
     assert row[:2] == ["cup", "mesh"]
     assert row[2].startswith("the mesh is open")

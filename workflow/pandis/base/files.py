@@ -130,7 +130,7 @@ def write_new(path, data, *, check=None, force=False):
     check_output(path, force=force)
     if path.is_symlink():
         path = path.resolve()  # the link stays
-    part = path.with_name(f".{path.stem}.{secrets.token_hex(4)}{path.suffix}")
+    part = path.with_name(f".{secrets.token_hex(8)}{path.suffix}")  # a name may be 255 bytes long
     try:
         write_atomically(part, data, path)
         if check:

@@ -112,7 +112,10 @@ class _Command:
         if several and words.name:
             raise PandisError("--name names one mesh: run the others apart")
         if words.output and (several or words.output.endswith("/")) and not output.suffix:
-            output.mkdir(parents=True, exist_ok=True)
+            try:
+                output.mkdir(parents=True, exist_ok=True)
+            except OSError as error:
+                raise PandisError(f"-o {output}: {error.strerror}") from error
         if several and not output.is_dir():
             raise PandisError(f"-o {output}: with several meshes, name a folder")
         if not output.is_dir():

@@ -94,14 +94,8 @@ def evaluate(fields, controls, trajectory, *, probe_sets, contacts, progress):
         report.update(index + 1)
     points, distance, normal = trajectory
     arrays["exact_force"] = penalty_force(distance, normal)
-    tried = {control.name: contact_errors(force_of(control), contacts) for control in controls}
-    demand_failure(
-        "the measure of missing surface",
-        (name for name, figures in tried.items()
-         if all(one["missing"] <= MISSING_LIMIT for one in figures.values())),
-    )  # fmt: skip
     return arrays, {
-        "controls": tried,
+        "controls": measured_controls(controls, contacts),
         "contact": {"left_out": contacts.left_out},
         "fields": [field.name for field in fields],
         "errors": errors,
@@ -109,6 +103,23 @@ def evaluate(fields, controls, trajectory, *, probe_sets, contacts, progress):
         "bytes": {field.name: int(field.bytes) for field in fields},
         "force_unit": "unit frame, k = 1",
     }
+
+
+def measured_controls(controls, contacts):
+    """Return the errors of control fields on the contact sets, by name.
+
+    Raises
+    ------
+    PandisError
+        The measure of missing surface passes a control.
+    """
+    tried = {control.name: contact_errors(force_of(control), contacts) for control in controls}
+    demand_failure(
+        "the measure of missing surface",
+        (name for name, figures in tried.items()
+         if all(one["missing"] <= MISSING_LIMIT for one in figures.values())),
+    )  # fmt: skip
+    return tried
 
 
 def _unnormalised(field):

@@ -29,7 +29,11 @@ def condolence(plan):
     table = "\n".join(f"  {mesh:16} {stage:24} {why}" for mesh, stage, why in failures(plan))
     return (
         "\nA job failed or was stopped"
-        + (f":\n{table}\n" if table else "; its message is above.\n")
+        + (
+            f":\n{table}\nA traceback, if there is one, is above.\n"
+            if table
+            else "; its message or traceback is above.\n"
+        )
         + f"All logs are in    {_place(plan)}/logs/\n"
         "Other meshes continued. Fix the cause and run the same command again: only missing or "
         "stale results will be made."

@@ -65,7 +65,9 @@ def stage(snakemake, task):
 
 @contextmanager
 def here(snakemake, task):
-    """Run a stage in the caller's process: exceptions reach the caller, and nothing is set.
+    """Run a stage in the caller's process, whose signals, environment and output stay its own.
+
+    Exceptions reach the caller.
 
     ``snakemake`` also has ``script``, the name of the stage, and ``show``, the caller's log.
     """
