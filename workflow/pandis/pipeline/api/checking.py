@@ -10,7 +10,7 @@ from pandis.base.errors import PandisError
 from pandis.pipeline.api.options import sections
 from pandis.pipeline.api.sources import source_of
 from pandis.pipeline.geometry.shapes import find_shape
-from pandis.pipeline.mesh.diagnosis import FAULTS, diagnose
+from pandis.pipeline.mesh.diagnosis import FAULTS, crossing_faces, diagnose
 from pandis.pipeline.mesh.forecast import forecast
 from pandis.pipeline.mesh.formats import FormatError, Reading
 from pandis.pipeline.mesh.intake import check_arrays, find_file, read_mesh
@@ -168,8 +168,9 @@ def check(mesh: object, /, **options: object) -> Report:
     vertices, faces, notes = reading.vertices, reading.faces, list(reading.notes)
     if format_of(source.text) == "stl":  # it has no other way to share a vertex
         vertices, faces = compact(vertices, same_place(vertices)[faces])
-    found_faults = diagnose(vertices, faces)
-    ahead = forecast(vertices, faces, wishes, diagnosis=found_faults,
+    crossings = crossing_faces(vertices, same_place(vertices)[faces])
+    diagnosis = diagnose(vertices, faces, crossings=crossings)
+    ahead = forecast(vertices, faces, wishes, diagnosis=diagnosis, crossings=crossings,
                      seed=config.get("seed", 0))  # fmt: skip
     millions = len(faces) / 1e6
     missing = [name for name in ("pymeshlab", "pymeshfix") if find_spec(name) is None]
@@ -181,21 +182,21 @@ def check(mesh: object, /, **options: object) -> Report:
     repair = {"nothing": 0.0, "lossless": _LOSSLESS, "repair": _SLOW, "refusal": 0.0}
     seconds = _START + (_READ + repair[ahead.outcome]) * millions
     seconds += _RUNGS * (ahead.outcome == "repair")
-    places = fault_places(vertices, faces, found_faults)
+    places = fault_places(vertices, faces, diagnosis, crossings=crossings)
     return Report(
         source=source.text,
         vertices=len(vertices),
         faces=len(faces),
-        components=found_faults.components,
+        components=diagnosis.components,
         unit=reading.unit if wishes.unit == "unknown" else wishes.unit,
         size=np.ptp(vertices[np.unique(faces)], axis=0).tolist(),
-        area=found_faults.area,
-        volume=found_faults.volume if found_faults.valid else None,
-        wall=found_faults.wall,
-        faults={name: getattr(found_faults, name) for name in FAULTS
-                if getattr(found_faults, name)},
+        area=diagnosis.area,
+        volume=diagnosis.volume if diagnosis.valid else None,
+        wall=diagnosis.wall,
+        faults={name: getattr(diagnosis, name) for name in FAULTS
+                if getattr(diagnosis, name)},
         places={name: where.tolist() for name, where in places.items()},
-        holes=found_faults.holes,
+        holes=diagnosis.holes,
         repair=ahead.outcome,
         begins_with=ahead.begins_with,
         message=ahead.message,

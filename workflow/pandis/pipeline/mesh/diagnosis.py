@@ -109,7 +109,7 @@ class Diagnosis:
         return ", ".join(faults) or "none"
 
 
-def diagnose(vertices: Vertices, faces: Faces):
+def diagnose(vertices: Vertices, faces: Faces, *, crossings=None):
     """Examine a mesh.
 
     Coincident vertices are counted, then merged. The other counts therefore describe the
@@ -119,6 +119,8 @@ def diagnose(vertices: Vertices, faces: Faces):
     ----------
     vertices : ndarray, shape (V, 3), float64
     faces : ndarray, shape (F, 3), int64
+    crossings : ndarray, shape (m, 2), optional
+        Result of `crossing_faces`, coincident vertices merged, if the caller has it.
 
     Returns
     -------
@@ -132,7 +134,8 @@ def diagnose(vertices: Vertices, faces: Faces):
     used = np.unique(faces)
     altitude, area = altitudes(vertices[faces])
     unit = _unit_box(vertices, used)
-    crossings = crossing_faces(vertices, faces)  # of the original mesh: scaling would round
+    if crossings is None:
+        crossings = crossing_faces(vertices, faces)  # of the original mesh: scaling would round
     volumes = signed_volumes(vertices, faces, component, count=count)
     solid = edges.closed and not edges.conflicts.any()
     depth = (

@@ -6,9 +6,10 @@ import numpy as np
 
 from pandis.base.errors import PandisError, RepairError
 from pandis.pipeline.mesh import tools
-from pandis.pipeline.mesh.diagnosis import diagnose
+from pandis.pipeline.mesh.diagnosis import crossing_faces, diagnose
 from pandis.pipeline.mesh.ladder import Ladder
 from pandis.pipeline.mesh.repair import climb
+from pandis.pipeline.mesh.topology import same_place
 
 #: Operations that change no surface and take seconds at most; a forecast runs them.
 _LOSSLESS = ("clean", "orient")
@@ -41,7 +42,12 @@ class _SlowRungError(Exception):
 
 
 class _Forecasting(Ladder):
-    """A ladder that runs only lossless operations, in this process."""
+    """A ladder that runs only lossless operations, in this process.
+
+    Turning faces changes no crossing, so crossings are searched for only when faces change.
+    """
+
+    crossings = None
 
     def attempt(self, rung, operation, accept, **parameters):
         if operation not in _LOSSLESS:
@@ -50,19 +56,30 @@ class _Forecasting(Ladder):
         vertices, faces = tools.OPERATIONS[operation](self.vertices, self.faces, **parameters)
         if np.array_equal(vertices, self.vertices) and np.array_equal(faces, self.faces):
             return False
-        diagnosis = diagnose(vertices, faces)
+        crossings = self.crossings
+        if not self._turns_only(vertices, faces):
+            crossings = crossing_faces(vertices, same_place(vertices)[faces])
+        diagnosis = diagnose(vertices, faces, crossings=crossings)
         reason = accept(vertices, faces, diagnosis)
         if reason is None:
             self.vertices, self.faces, self.now = vertices, faces, diagnosis
+            self.crossings = crossings
         self._note(entry, reason, diagnosis)
         return reason is None
+
+    def _turns_only(self, vertices, faces):
+        return (
+            np.array_equal(vertices, self.vertices)
+            and faces.shape == self.faces.shape
+            and np.array_equal(np.sort(faces, axis=1), np.sort(self.faces, axis=1))
+        )
 
     def within_budget(self, vertices, faces, diagnosis, *, allowance=0.0):
         """Accept: lossless operations move nothing."""
         del vertices, faces, diagnosis, allowance
 
 
-def forecast(vertices, faces, options, *, diagnosis, seed=0):
+def forecast(vertices, faces, options, *, diagnosis, crossings, seed=0):
     """Return the `Forecast` of a mesh.
 
     Parameters
@@ -72,11 +89,14 @@ def forecast(vertices, faces, options, *, diagnosis, seed=0):
     options : pandis.pipeline.run.ask.options.MeshOptions
     diagnosis : pandis.pipeline.mesh.diagnosis.Diagnosis
         Diagnosis of this mesh.
+    crossings : ndarray, shape (m, 2)
+        Its pairs of crossing faces.
     seed : int
     """
     if diagnosis.valid:
         return Forecast("nothing")
     ladder = _Forecasting(vertices, faces, options, seed, lambda text: None, now=diagnosis)
+    ladder.crossings = crossings
     try:
         climb(ladder)
     except _SlowRungError as rung:
