@@ -400,6 +400,19 @@ def test_files_for_other_programs_are_one_job_each(rerun):
         assert f"export/{name}" in done.stdout
 
 
+def test_the_onnx_program_of_the_docs_pushes_a_point_out(finished):
+    page = (ROOT / "docs/using.md").read_text(encoding="utf-8")
+    section = page[page.index("## ONNX") :]
+    (block,) = re.findall(r"^```python\n(.*?)^```$", section, re.M | re.S)
+    there = str(finished / "results/sphere/export/")
+    seen = {}
+    exec(block.replace("results/bunny/export", there), seen)
+    x, y, z = seen["force"][0] / np.linalg.norm(seen["force"])
+    assert y > 0.5 > max(abs(x), abs(z))  # a tiny network: the direction is rough
+    depth = -seen["distance"].item()
+    assert np.linalg.norm(seen["force"]) == pytest.approx(400 * depth, rel=1e-5)
+
+
 def test_snakemakes_own_report_builds(rerun):
     done = snakemake(rerun, "--report", "own.html", *FAST)
     assert done.returncode == 0, done.stdout
