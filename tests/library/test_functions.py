@@ -238,7 +238,7 @@ def test_a_report_says_what_repair_would_do_and_that_option_works():
     top = vertices[faces].mean(axis=1)[:, 2] > 5.9
     cup = vertices, faces[~top]
     report = pandis.check(cup)
-    assert (report.repair, report.option, report.fit) == ("refusal", {"open": "cap"}, False)
+    assert (report.repair, report.option, report.fit) == ("refusal", {"solid": "always"}, False)
     with pytest.raises(RepairError) as refused:
         pandis.repair(cup)
     assert refused.value.option == report.option

@@ -83,7 +83,7 @@ def test_a_failed_run_ends_with_what_failed_and_the_option_that_helps(tmp_path):
     (row,) = [line.split(None, 2) for line in end.splitlines() if line.startswith("  ")]
     assert row[:2] == ["cup", "mesh"]
     assert row[2].startswith("the mesh is open")
-    assert row[2].endswith("set `mesh: {open: cap}` for this mesh")
+    assert "set `mesh: {open: cap}` for this mesh" in row[2]
     assert (tmp_path / "elsewhere/sphere/samples.zarr.zip").is_file()
     meshes["cup"]["mesh"] = {"open": "cap"}
     (folder / CONFIG).write_text(yaml.safe_dump(config | {"results": str(tmp_path / "elsewhere")}))

@@ -52,7 +52,7 @@ def test_check_tells_by_its_status_whether_a_mesh_is_valid(tmp_path, capsys):
     assert typed("check", box(tmp_path, "cup.ply", top=False)) == UNFIT
     out = capsys.readouterr().out
     assert "not valid" in out
-    assert "option: --open cap" in out
+    assert "option: --solid" in out
     assert typed("check", "nowhere.stl") == REFUSED
     assert "there is no file 'nowhere.stl'" in capsys.readouterr().err
     (tmp_path / "text.stl").write_text("solid\nnothing\n")
@@ -84,7 +84,7 @@ def test_several_meshes_end_with_a_table_and_the_worst_status(tmp_path, capsys):
     assert typed("check", "--json", "part.ply", "cup.ply") == UNFIT
     first, second = json.loads(capsys.readouterr().out)
     assert (first["ok"], second["ok"]) == (True, False)
-    assert second["option"] == {"open": "cap"}
+    assert second["option"] == {"solid": "always"}
 
 
 @pytest.mark.slow
@@ -226,6 +226,7 @@ def test_help_is_quick_to_load_and_lists_every_command():
 
 def test_options_are_written_as_flags():
     assert as_flags({"open": "cap"}) == "--open cap"
+    assert as_flags({"solid": "always"}) == "--solid"
     assert as_flags({"rungs": ["clean", "fill"]}) == "--rungs clean,fill"
 
 

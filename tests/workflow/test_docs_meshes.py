@@ -30,7 +30,7 @@ def part(tmp_path, monkeypatch):
 def test_the_functions_do_what_the_page_shows():
     seen = {}
     exec(program("meshes.md")[1], seen)
-    assert (seen["report"].ok, seen["report"].option) == (False, {"open": "cap"})
+    assert (seen["report"].ok, seen["report"].option) == (False, {"solid": "always"})
     assert seen["report"].faults == {"boundary_edges": 3}
     assert seen["solid"].rungs == ["fill"]
     assert seen["distance"] == pytest.approx([-4, 3])

@@ -29,6 +29,11 @@ def add_model(parser, section, *, defaults=None):
         flag = f"--{name.replace('_', '-')}"
         options = {"dest": name, "default": argparse.SUPPRESS}
         shown = ",".join(map(str, default)) if isinstance(default, list) else default
+        if set(get_args(field.annotation)) == {"never", "always"}:
+            constant = options | {"action": "store_const"}
+            group.add_argument(flag, const="always", help=f"{words} ({default})", **constant)
+            group.add_argument(f"--no-{name}", const="never", help=argparse.SUPPRESS, **constant)
+            continue
         if isinstance(default, bool):
             shown = "yes" if default else "no"
             options["action"] = argparse.BooleanOptionalAction
@@ -108,7 +113,9 @@ def _several(text):
 
 def as_flags(option):
     """Return options of `mesh` as they are written on the command line."""
-    return " ".join(
-        f"--{key.replace('_', '-')} " + (",".join(value) if isinstance(value, list) else str(value))
-        for key, value in option.items()
-    )
+    flags = []
+    for key, value in option.items():
+        flags.append(f"--{key.replace('_', '-')}")
+        if value != "always":
+            flags.append(",".join(value) if isinstance(value, list) else str(value))
+    return " ".join(flags)

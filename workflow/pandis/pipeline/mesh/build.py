@@ -45,10 +45,11 @@ def build(options, source_file, log):
     for note in reading.notes:
         log(f"{source}: {note}")
     beside = read_beside(path, record["format"], len(faces)) or named_in(reading, log)
+    unit = options.unit if options.unit != "unknown" else reading.unit
+    options = options.model_copy(update={"unit": unit})
     arrays, history = repair(vertices, faces, options, seed=options.seed, log=log)
     used = arrays["vertices"][np.unique(arrays["faces"])]
     frame = Frame.of_bounds(used.min(axis=0), used.max(axis=0))
-    unit = options.unit if options.unit != "unknown" else reading.unit
     attributes = history | {
         "source": {"name": source, **record, "unit": unit},
         **frame.attributes(),
@@ -82,6 +83,7 @@ def _closed_form(source, log):
         "faults_before": diagnosis.faults(),
         "after": diagnosis.attributes(),
         "rungs": [],
+        "solid": None,
         "deviation": {
             "to_result": distances | {"hidden": 0.0},
             "to_source": distances | {"caps": 0.0},

@@ -112,7 +112,7 @@ def flip_flat_faces(vertices, faces, rounds=20):
         if not len(flat):
             break
         edges = EdgeTable(faces)
-        known = {tuple(edge) for edge in edges.edges.tolist()}
+        added = set()
         order = np.argsort(edges.edge_of, kind="stable")
         starts = np.concatenate([[0], np.cumsum(edges.uses)])
         corners = vertices[faces[flat]]
@@ -128,11 +128,11 @@ def flip_flat_faces(vertices, faces, rounds=20):
             a, b, tip = (faces[face, (k + i) % 3] for i in range(3))
             far = faces[neighbour, (j + 2) % 3]
             new = (min(tip, far), max(tip, far))
-            if {face, neighbour} & touched or tip == far or new in known:
+            if {face, neighbour} & touched or tip == far or new in added or edges.has(new):
                 continue
             faces[face], faces[neighbour] = (a, far, tip), (far, b, tip)
             touched |= {face, neighbour}
-            known.add(new)
+            added.add(new)
             flipped += 1
         if not flipped:
             break

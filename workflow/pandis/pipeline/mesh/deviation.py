@@ -120,7 +120,7 @@ def deviation(source, result, seed, *, reference=None, wall=0.0, samples=SAMPLES
         deep = np.flatnonzero(distance > wall) if wall else []
         if len(deep):
             hidden[deep] |= result.windings(points[deep]) > 0.5
-    to_result = _summary(distance[~hidden], samples) | {"hidden": float(hidden.sum() / samples)}
+    to_result = summary(distance[~hidden], samples) | {"hidden": float(hidden.sum() / samples)}
     points, _ = result.sample(samples, rng, ~kept_result)
     caps, distance = np.zeros(len(points), bool), np.zeros(len(points))
     if len(points):
@@ -128,7 +128,7 @@ def deviation(source, result, seed, *, reference=None, wall=0.0, samples=SAMPLES
         far = np.flatnonzero(distance > 2 * BESIDE * source.diagonal)
         if len(far) and not wall:  # winding numbers beside a sheet are all between 0 and 1
             caps[far] = np.abs(reference.windings(points[far]) - 0.5) < 0.5 - BETWEEN
-    to_source = _summary(distance[~caps], samples) | {"caps": float(caps.sum() / samples)}
+    to_source = summary(distance[~caps], samples) | {"caps": float(caps.sum() / samples)}
     return {"to_result": to_result, "to_source": to_source, "untouched": untouched}
 
 
@@ -163,7 +163,7 @@ def none():
     }
 
 
-def _summary(distance, samples):
+def summary(distance, samples):
     """Summarise distances; samples that are not in ``distance`` count as 0."""
     if not len(distance):
         return {"max": 0.0, "p99": 0.0, "mean": 0.0}

@@ -9,6 +9,7 @@ from pandis.pipeline.mesh import tools
 from pandis.pipeline.mesh.diagnosis import crossing_faces, diagnose
 from pandis.pipeline.mesh.ladder import Ladder
 from pandis.pipeline.mesh.repair import climb
+from pandis.pipeline.mesh.solidify import with_solid
 from pandis.pipeline.mesh.topology import same_place
 
 #: Operations that change no surface and take seconds at most; a forecast runs them.
@@ -64,7 +65,7 @@ class _Forecasting(Ladder):
         if reason is None:
             self.vertices, self.faces, self.now = vertices, faces, diagnosis
             self.crossings = crossings
-        self._note(entry, reason, diagnosis)
+        self.note(entry, reason, diagnosis)
         return reason is None
 
     def _turns_only(self, vertices, faces):
@@ -102,6 +103,9 @@ def forecast(vertices, faces, options, *, diagnosis, crossings, seed=0):
     except _SlowRungError as rung:
         return Forecast("repair", begins_with=str(rung))
     except RepairError as error:
+        if options.solid == "always":
+            return Forecast("repair", begins_with="solid")
+        error = with_solid(error, vertices, faces, options=options)
         return Forecast("refusal", option=error.option, message=str(error))
     except PandisError as error:
         return Forecast("refusal", message=str(error))

@@ -1,5 +1,6 @@
 """Runs rungs in child processes, diagnoses the results, and records whether each is kept."""
 
+import resource
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import NamedTuple
@@ -13,6 +14,8 @@ from pandis.pipeline.mesh.diagnosis import Diagnosis, diagnose
 from pandis.pipeline.mesh.topology import compact
 from pandis.pipeline.run.ask.options import MeshOptions
 
+#: Rungs that keep the source's surface; only these are tried if a solid is made otherwise.
+EXACT = ("clean", "union", "fill")
 #: Largest volume that a rung may add or remove, as a share of the inside.
 INSIDE_CHANGED = 0.02
 
@@ -27,6 +30,12 @@ class State(NamedTuple):
     reference: Surface
     deviation: dict
     rungs: list
+
+
+def children_seconds():
+    """Return the CPU time of all child processes that have ended."""
+    used = resource.getrusage(resource.RUSAGE_CHILDREN)
+    return used.ru_utime + used.ru_stime
 
 
 @dataclass
@@ -49,6 +58,8 @@ class Ladder:
         after welding and outward orientation, so that its inside is defined.
     deviation : dict or None
         Deviation of the current mesh; None if it was not measured.
+    seconds_left : float or None
+        CPU time that exact rungs may still use before a solid is made; None if none is made.
     """
 
     vertices: np.ndarray
@@ -61,10 +72,13 @@ class Ladder:
     source: Surface = None
     reference: Surface = None
     deviation: dict | None = field(default_factory=none)
+    seconds_left: float | None = None
     _measured: dict | None = None
 
     def allows(self, rung):
         """Return whether the configuration allows a rung."""
+        if self.seconds_left is not None and rung not in EXACT:
+            return False
         return rung in self.options.rungs
 
     def attempt(self, rung, operation, accept, **parameters):
@@ -90,10 +104,20 @@ class Ladder:
             "memory_gb": self.options.rung_memory_gb,
         }
         entry = {"rung": rung, "operation": operation, "parameters": parameters}
+        if self.seconds_left is not None:
+            if self.seconds_left <= 0:
+                self.note(entry, "no time is left (mesh.solid_after)")
+                return False
+            limits["cpu_seconds"] = self.seconds_left
+        before = children_seconds()
         try:
             vertices, faces = tools.call(
                 operation, self.vertices, self.faces, **limits, **parameters
             )
+        except tools.CpuTimeError as error:
+            self.seconds_left = 0.0
+            self.note(entry, f"{error} (mesh.solid_after)")
+            return False
         except (tools.LimitError, tools.MissingError) as error:
             left = [name for name in self.options.rungs if name != rung]
             out = f"or leave this rung out: mesh.rungs: [{', '.join(left)}]"
@@ -107,22 +131,24 @@ class Ladder:
                 remedy = f"{error}; raise mesh.{key}, {out}"
             raise PandisError(f"repair: {rung} {remedy}") from error
         except tools.ToolError as error:
-            self._note(entry, f"failed: {error}")
+            self.note(entry, f"failed: {error}")
             return False
+        if self.seconds_left is not None:
+            self.seconds_left -= children_seconds() - before
         if not len(faces):
-            self._note(entry, "no faces are left")
+            self.note(entry, "no faces are left")
             return False
         if np.array_equal(vertices, self.vertices) and np.array_equal(faces, self.faces):
             return False
         if not np.isfinite(vertices).all():
-            self._note(entry, "some vertices are not finite")
+            self.note(entry, "some vertices are not finite")
             return False
         diagnosis = diagnose(vertices, faces)
         reason = accept(vertices, faces, diagnosis)
         if reason is None:
             self.vertices, self.faces, self.now = vertices, faces, diagnosis
             self.deviation, self._measured = self._measured, None
-        self._note(entry, reason, diagnosis)
+        self.note(entry, reason, diagnosis)
         return reason is None
 
     def state(self):
@@ -161,9 +187,10 @@ class Ladder:
         self.source = self.reference = Surface(self.vertices, self.faces)
         entry = {"rung": "clean", "operation": "leave out", "parameters": {"what": what}}
         self.log(f"left out: {what}")
-        self._note(entry, None, self.now)
+        self.note(entry, None, self.now)
 
-    def _note(self, entry, reason, diagnosis=None):
+    def note(self, entry, reason, diagnosis=None):
+        """Record and log an attempt; ``reason`` is None if its result was kept."""
         entry["kept"] = reason is None
         entry["reason"] = reason
         entry["faults"] = diagnosis.faults() if diagnosis else None

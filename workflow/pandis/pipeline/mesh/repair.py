@@ -12,6 +12,8 @@ fill     fill holes with a small rim, without adding vertices
 meshfix  MeshFix on every component
 remesh   marching cubes where the winding number is one half
 wrap     alpha wrap
+solid    with ``solid: always``, in place of the last three: the surface around what
+         a person would call the solid, walls invented where it is open
 ======== ====================================================================
 """
 
@@ -24,6 +26,7 @@ from pandis.pipeline.mesh.diagnosis import diagnose
 from pandis.pipeline.mesh.ladder import Ladder
 from pandis.pipeline.mesh.nesting import signed_volumes
 from pandis.pipeline.mesh.openings import THICKEN, advice, large_holes, loose_pieces
+from pandis.pipeline.mesh.solidify import solidify, with_solid
 from pandis.pipeline.mesh.topology import EdgeTable, compact, components, one_sided
 
 RUNGS = ("clean", "union", "fill", "meshfix", "remesh", "wrap")
@@ -59,7 +62,7 @@ def repair(vertices: Vertices, faces: Faces, options, *, seed, log=print):
         ``deviation``: see `pandis.pipeline.mesh.deviation.provenance`.
     record : dict
         ``before`` and ``after`` (diagnoses), ``rungs`` (every attempt, with tool,
-        parameters and outcome), ``deviation``.
+        parameters and outcome), ``deviation``, ``solid`` (what was invented, or None).
 
     Raises
     ------
@@ -73,14 +76,16 @@ def repair(vertices: Vertices, faces: Faces, options, *, seed, log=print):
     if before.valid and before.unreferenced_vertices:
         ladder.vertices, ladder.faces = compact(vertices, faces)
         ladder.now = diagnose(ladder.vertices, ladder.faces)
+    solid = None
     if not before.valid:
-        climb(ladder)
+        solid = _repaired(ladder, vertices, faces)
     record = {
         "before": before.attributes(),
         "faults_before": before.faults(),
         "after": ladder.now.attributes(),
         "rungs": ladder.rungs,
         "deviation": ladder.deviation,
+        "solid": solid and solid.attributes(),
     }
     origin = np.zeros(len(ladder.faces), np.uint8), np.zeros(len(ladder.faces), np.float32)
     if ladder.source:
@@ -93,6 +98,20 @@ def repair(vertices: Vertices, faces: Faces, options, *, seed, log=print):
         "deviation": origin[1],
     }
     return arrays, record
+
+
+def _repaired(ladder, vertices, faces):
+    """Climb, and make a solid if that fails and is wanted; return what was invented, or None."""
+    always = ladder.options.solid == "always"
+    if always:
+        ladder.seconds_left = ladder.options.solid_after
+    try:
+        climb(ladder)
+    except RepairError as error:
+        if always:
+            return solidify(ladder, vertices, faces, why=str(error).partition(". ")[0])
+        raise with_solid(error, vertices, faces, options=ladder.options) from None
+    return None
 
 
 def climb(ladder):

@@ -9,6 +9,7 @@ float64, never in a mesh format.
 import json
 import os
 import resource
+import signal
 import subprocess
 import sys
 import tempfile
@@ -30,11 +31,17 @@ class LimitError(ToolError):
     """A tool needed more time or memory than allowed."""
 
 
+class CpuTimeError(ToolError):
+    """A tool needed more CPU time than it was lent."""
+
+
 class MissingError(ToolError):
     """A tool's package cannot be imported; the message names it."""
 
 
-def call(operation, vertices=None, faces=None, *, seconds, memory_gb, **parameters):
+def call(
+    operation, vertices=None, faces=None, *, seconds, memory_gb, cpu_seconds=None, **parameters
+):
     """Run an operation of this module in a child process.
 
     Parameters
@@ -45,6 +52,8 @@ def call(operation, vertices=None, faces=None, *, seconds, memory_gb, **paramete
         The mesh to work on.
     seconds, memory_gb : float
         Limits on time (s) and memory (GiB).
+    cpu_seconds : float, optional
+        Limit on CPU time (s).
     **parameters
         Further arguments of the operation: numbers and strings.
 
@@ -57,14 +66,15 @@ def call(operation, vertices=None, faces=None, *, seconds, memory_gb, **paramete
     ------
     LimitError
         The operation exceeded its limit on time or memory.
+    CpuTimeError
+        It exceeded its limit on CPU time.
     MissingError
         The operation's package is not installed.
     ToolError
         The operation crashed or raised an exception.
     """
-    return _run(operation, (vertices, faces), seconds, memory_gb=memory_gb, parameters=parameters)[
-        :2
-    ]
+    limits = {"seconds": seconds, "memory_gb": memory_gb, "cpu_seconds": cpu_seconds}
+    return _run(operation, (vertices, faces), parameters, **limits)[:2]
 
 
 def read(path, form, folder, *, seconds, memory_gb):
@@ -90,7 +100,7 @@ def read(path, form, folder, *, seconds, memory_gb):
     """
     parameters = {"path": str(path), "form": form, "folder": str(folder)}
     try:
-        return _run("read_file", (None, None), seconds, memory_gb=memory_gb, parameters=parameters)
+        return _run("read_file", (None, None), parameters, seconds=seconds, memory_gb=memory_gb)
     except ToolError as error:
         prefix, _, message = str(error).partition(": ")
         if prefix == FormatError.__name__:
@@ -98,13 +108,15 @@ def read(path, form, folder, *, seconds, memory_gb):
         raise
 
 
-def _run(operation, mesh, seconds, *, memory_gb, parameters):
+def _run(operation, mesh, parameters, *, seconds, memory_gb, cpu_seconds=None):
     vertices, faces = mesh
     limit = int(memory_gb * 2**30)
 
     def restrict():
         resource.setrlimit(resource.RLIMIT_AS, (limit, limit))
         resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
+        if cpu_seconds is not None:  # starting takes most of a second, and the limit is whole
+            resource.setrlimit(resource.RLIMIT_CPU, (int(cpu_seconds) + 2,) * 2)
 
     with tempfile.TemporaryDirectory() as folder:
         source, output = Path(folder) / "given.npz", Path(folder) / "result.npz"
@@ -139,6 +151,8 @@ def _run(operation, mesh, seconds, *, memory_gb, parameters):
         if done.returncode or not output.is_file():
             if any(word in done.stderr for word in ("MemoryError", "bad_alloc", "std::length")):
                 raise LimitError(f"needs more than {memory_gb:g} GiB of memory")
+            if cpu_seconds is not None and done.returncode in (-signal.SIGXCPU, -signal.SIGKILL):
+                raise CpuTimeError(f"took longer than {cpu_seconds:.2g} CPU s")
             if done.returncode < 0:
                 raise ToolError(f"crashed (signal {-done.returncode})")
             message = (done.stderr.strip().splitlines() or ["no message"])[-1]

@@ -28,18 +28,24 @@ class EdgeTable:
     def __init__(self, faces):
         self.directed = faces[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2)
         low, high = self.directed.min(axis=1), self.directed.max(axis=1)
-        span = int(faces.max()) + 1
-        key, self.edge_of, self.uses = np.unique(
+        span = self._span = int(faces.max()) + 1
+        self._key, self.edge_of, self.uses = np.unique(
             low.astype(np.int64) * span + high, return_inverse=True, return_counts=True
         )
-        self.edges = np.stack([key // span, key % span], axis=1)
+        self.edges = np.stack([self._key // span, self._key % span], axis=1)
         self.runs_forward = self.directed[:, 0] == low
-        self.forward = np.bincount(self.edge_of[self.runs_forward], minlength=len(key))
+        self.forward = np.bincount(self.edge_of[self.runs_forward], minlength=len(self._key))
 
     @property
     def count(self):
         """Number of edges."""
         return len(self.edges)
+
+    def has(self, edge):
+        """Return whether there is an edge between a pair of vertices, the smaller first."""
+        key = edge[0] * self._span + edge[1]
+        at = np.searchsorted(self._key, key)
+        return at < len(self._key) and self._key[at] == key
 
     @property
     def closed(self):

@@ -22,6 +22,7 @@ from pandis.pipeline.report import figures, paper
 from pandis.pipeline.report.builds import build_seconds
 from pandis.pipeline.report.picks import picks, usable
 from pandis.pipeline.report.section import Section
+from pandis.pipeline.report.sections import sections
 from pandis.pipeline.report.tables import COLUMNS, CONTACT, FEW, control_rows, summary_rows
 from pandis.pipeline.report.touch import shared, touch, touchable
 from pandis.pipeline.report.view import view
@@ -159,6 +160,9 @@ def mesh_section(name, artifacts, field_names, *, files=()):
         touch=touch(files, stressed.size, stressed.stiffness, view=f"view:{name}"),
         picture=figures.picture(vertices, faces, trajectory.arrays["points"]),
         heat=_heat_map(mesh, vertices, repaired),
+        sections=sections(vertices, faces, mesh.arrays["deviation"] > repaired.solid.cell)
+        if repaired.solid
+        else None,
         holding=figures.holding(vertices, faces, **artifacts["stress"].arrays),
         quiver=figures.quiver([open_field(s, artifacts[s.artifact]) for s in shown]),
         path=figures.force_along_path(

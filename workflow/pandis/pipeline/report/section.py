@@ -80,6 +80,7 @@ class Section:
     touch: str | None
     picture: Picture
     heat: Picture | None
+    sections: Picture | None
     holding: Picture
     quiver: Picture
     path: Picture

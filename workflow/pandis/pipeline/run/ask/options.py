@@ -59,6 +59,49 @@ class MeshOptions(Options):
         "the solid)",
     )
     deviation_max: float = Field(0.03, ge=0, description="the same limit for the whole surface")
+    solid: Literal["never", "always"] = Field(
+        "never",
+        description="`always`: a mesh that `clean`, `union` and `fill` cannot repair becomes one "
+        "closed surface around its solid (docs/solid.md). Nothing is refused, but walls may be "
+        "invented: the record and the report say which",
+    )
+    solid_error: str = Field(
+        "256 cells",
+        pattern=r"^\d+(\.\d+)?(e-?\d+)? ?(cells|%|[A-Za-zµ]{0,12})$",
+        description="how finely a solid is drawn: `256 cells` along the longest side (64 to 1024), "
+        "or the error allowed, as `0.1 %` of the diagonal, `0.2` mesh units or `0.2 mm`",
+    )
+    solid_thickness: Positive = Field(
+        0.3, ge=0.05, le=1, description="thickness of sheets with air on both sides, cells"
+    )
+    solid_door: float = Field(
+        0.15,
+        ge=0,
+        le=2,
+        description="widest gap between open edges that a solid closes, as a share of the diagonal",
+    )
+    solid_cap: float = Field(
+        1.0, ge=0, le=2, description="widest hole that a solid closes, as a share of the diagonal"
+    )
+    solid_share: float = Field(
+        0.25,
+        ge=0,
+        le=1,
+        description="an open room becomes solid if at most this share of its walls is invented; "
+        "else it stays a shell",
+    )
+    solid_cavities: Literal["kept", "filled"] = Field(
+        "kept", description="treatment of closed rooms inside a solid"
+    )
+    solid_debris: float = Field(
+        0.0, ge=0, le=0.5, description="components of a solid below this share of its volume go"
+    )
+    solid_after: float = Field(
+        2.0,
+        ge=0,
+        description="time that `clean`, `union` and `fill` may use before a solid is made, CPU s; "
+        "only with `solid: always`",
+    )
     rung_seconds: Positive = Field(240.0, description="time limit of each rung, s")
     rung_memory_gb: Positive = Field(3.0, description="memory limit of each rung, GiB")
     reader_seconds: Positive = Field(120.0, description="time limit of the reader, s")

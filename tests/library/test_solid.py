@@ -1,0 +1,404 @@
+"""Solids of meshes that no exact repair closes: what is solid, and that the surface is sound."""
+
+import os
+import subprocess
+import sys
+from itertools import combinations
+
+import numpy as np
+import pytest
+import trimesh
+
+import pandis
+from pandis.engine.solid import library, rims, simplified
+from pandis.pipeline.mesh.diagnosis import diagnose
+from pandis.pipeline.mesh.solid import SolidRules, make_solid, rules_of
+from pandis.pipeline.mesh.winding import WindingNumber
+from pandis.pipeline.run.ask.options import MeshOptions
+
+CELLS = 64
+EDGES = [(low, axis) for axis in range(3) for low in range(8) if not low >> axis & 1]
+
+
+def solid_of(mesh, **rules):
+    """Return the solid of a trimesh object or of (vertices, faces), once diagnosed as valid."""
+    vertices, faces = (mesh.vertices, mesh.faces) if hasattr(mesh, "faces") else mesh
+    vertices, faces = np.array(vertices, float), np.array(faces, np.int64)
+    solid = make_solid(
+        vertices, faces, SolidRules(**{"cells": CELLS} | rules), log=lambda text: None
+    )
+    assert diagnose(solid.vertices, solid.faces).faults() == "none"
+    return solid
+
+
+def inside(solid, *points):
+    return (WindingNumber(solid.vertices, solid.faces)(np.array(points, float)) > 0.5).tolist()
+
+
+def joined(*meshes):
+    return trimesh.util.concatenate(meshes)
+
+
+def without(mesh, which):
+    """Return a mesh without some faces."""
+    mesh = mesh.copy()
+    mesh.update_faces(~np.isin(np.arange(len(mesh.faces)), which))
+    return mesh
+
+
+def open_box(width=1.0, gap=None):
+    """Return a box without its top, or with a slit of a width in its top."""
+    box = trimesh.creation.box((width, 1, 1))
+    top = np.flatnonzero((box.triangles[:, :, 2] > 0.49).all(axis=1))
+    box = without(box, top)
+    if gap is None:
+        return box
+    lids = []
+    for side in (-1, 1):
+        corners = np.array([[side * gap / 2, -0.5], [side * width / 2, -0.5],
+                            [side * width / 2, 0.5], [side * gap / 2, 0.5]])  # fmt: skip
+        corners = np.column_stack([corners, np.full(4, 0.5)])
+        faces = np.array([[0, 1, 2], [0, 2, 3]])[:, ::side]
+        lids.append(trimesh.Trimesh(corners, faces, process=False))
+    return joined(box, *lids)
+
+
+# --- the surface in one cell -------------------------------------------------------------
+
+
+def loops_of(solid):
+    out = np.zeros(64, np.int32)
+    library().solid_loops(solid, out.ctypes.data)
+    values, loops = out[1:].tolist(), []
+    for _ in range(out[0]):
+        loops.append(values[1 : 1 + values[0]])
+        values = values[1 + values[0] :]
+    return loops
+
+
+def fans_of(solid):
+    return [
+        (loop[0], loop[k], loop[k + 1]) for loop in loops_of(solid) for k in range(1, len(loop) - 1)
+    ]
+
+
+def crosses(p, q, a, b, c):
+    """Whether segments (n) cross triangles (n), not only touch them."""
+    d, e1, e2 = q - p, b - a, c - a
+    h = np.cross(d, e2)
+    det = (e1 * h).sum(-1)
+    with np.errstate(all="ignore"):
+        s = p - a
+        u = (s * h).sum(-1) / det
+        g = np.cross(s, e1)
+        v, t = (d * g).sum(-1) / det, (e2 * g).sum(-1) / det
+    e = 1e-9
+    return (
+        (np.abs(det) > 1e-12) & (u > e) & (v > e) & (u + v < 1 - e) & (t > e) & (t < 1 - e)
+    ).any()
+
+
+def test_fans_of_one_cell_never_cross_wherever_their_corners_lie():
+    rng = np.random.default_rng(0)
+    corner = np.array([[c & 1, c >> 1 & 1, c >> 2] for c in range(8)], float)
+    along = rng.random((1500, 12))
+    kind = rng.random((1500, 12))
+    along = np.where(kind < 0.25, along * 1e-2, np.where(kind < 0.5, 1 - along * 1e-2, along))
+    place = np.array([corner[low] + along[:, e, None] * np.eye(3)[axis]
+                      for e, (low, axis) in enumerate(EDGES)])  # fmt: skip
+    for solid in range(256):
+        for one, other in combinations(fans_of(solid), 2):
+            for first, second in ((one, other), (other, one)):
+                a, b, c = (place[e] for e in second)
+                for k in range(3):
+                    p, q = first[k], first[(k + 1) % 3]
+                    if p not in second and q not in second:
+                        assert not crosses(place[p], place[q], a, b, c), solid
+
+
+def test_neighbouring_cells_agree_on_their_common_side():
+    """Each segment on a side of a cell is one of the next cell's, in the other direction."""
+    for axis in range(3):
+        bit, sides = 1 << axis, {}
+        for solid in range(256):
+            for high in (0, 1):
+                on_side = [e for e, (low, along) in enumerate(EDGES)
+                           if along != axis and (low >> axis & 1) == high]  # fmt: skip
+                name = {e: on_side.index(e) for e in on_side}
+                state = tuple(solid >> c & 1 for c in range(8) if (c >> axis & 1) == high)
+                segments = set()
+                for loop in loops_of(solid):
+                    for one, other in zip(loop, loop[1:] + loop[:1], strict=True):
+                        if one in name and other in name:
+                            segments.add((name[one], name[other]))
+                if high:
+                    segments = {(b, a) for a, b in segments}
+                assert sides.setdefault(state, segments) == segments, (solid, bit)
+
+
+# --- what is solid -------------------------------------------------------------------------
+
+
+def test_a_box_stays_a_box_to_the_last_bit_of_volume():
+    solid = solid_of(trimesh.creation.box((3, 2, 1)))
+    assert len(solid.faces) < 100
+    assert diagnose(solid.vertices, solid.faces).volume == pytest.approx(6, abs=1e-3)
+    assert (solid.facts.kinds, solid.facts.invented, solid.facts.sheets) == ({"closed": 1}, 0, 0)
+
+
+@pytest.mark.parametrize("turned", ["out", "in", "mixed"])
+def test_orientation_does_not_matter(turned):
+    sphere = trimesh.creation.icosphere(subdivisions=3)
+    faces = np.array(sphere.faces)
+    flip = {"out": [], "in": slice(None), "mixed": slice(None, None, 3)}[turned]
+    faces[flip] = faces[flip][:, ::-1]
+    solid = solid_of((sphere.vertices, faces))
+    volume = diagnose(solid.vertices, solid.faces).volume
+    assert volume == pytest.approx(sphere.volume, rel=0.01)
+
+
+def test_loose_triangles_with_cracks_are_one_solid():
+    sphere = trimesh.creation.icosphere(subdivisions=3)
+    corners = np.array(sphere.triangles)
+    corners += 1e-4 * np.random.default_rng(0).standard_normal(corners.shape)
+    solid = solid_of((corners.reshape(-1, 3), np.arange(corners.size // 3).reshape(-1, 3)))
+    assert inside(solid, (0, 0, 0), (0.9, 0, 0), (1.1, 0, 0)) == [True, True, False]
+
+
+def test_a_hole_is_closed_and_reported():
+    box = open_box()
+    solid = solid_of(box, share=0.5)
+    assert inside(solid, (0, 0, 0)) == [True]
+    (width,) = solid.facts.caps
+    assert width == pytest.approx(2**0.5)
+    assert solid.facts.invented == pytest.approx(1 / 6, abs=0.02)
+    assert solid.facts.kinds == {"filled": 1}
+
+
+def test_a_room_with_too_large_a_share_of_invented_walls_stays_a_shell():
+    solid = solid_of(open_box(), share=0.1)
+    assert inside(solid, (0, 0, 0)) == [False]
+    assert (solid.facts.opened, solid.facts.kinds) == (1, {"sheet": 1})
+    wall = solid.facts.thickness
+    assert diagnose(solid.vertices, solid.faces).volume == pytest.approx(5 * wall, rel=0.35)
+
+
+def test_a_slit_between_open_edges_is_a_door_up_to_the_stated_width():
+    box = open_box(gap=0.1)
+    diagonal = 3**0.5
+    shut = solid_of(box, widest_cap=0, widest_door=0.12 / diagonal)
+    assert inside(shut, (0, 0, 0)) == [True]
+    assert shut.facts.doors[0] == pytest.approx(0.1, abs=2 * shut.facts.cell)
+    ajar = solid_of(box, widest_cap=0, widest_door=0.05 / diagonal)
+    assert inside(ajar, (0, 0, 0)) == [False]
+
+
+def blocks(filled):
+    """Return the surface of cubes: a closed mesh, its vertices merged."""
+    corner = np.array([[c & 1, c >> 1 & 1, c >> 2] for c in range(8)])
+    filled, quads = np.pad(filled, 1), []
+    for axis in range(3):
+        u, v = 1 << (axis + 1) % 3, 1 << (axis + 2) % 3
+        for way in (-1, 1):
+            ring = np.array([0, u, u | v, v])[::way] | (way > 0) << axis
+            shown = np.argwhere(filled & ~np.roll(filled, -way, axis))
+            quads.append(shown[:, None] + corner[ring])
+    quads = np.concatenate(quads).reshape(-1, 3)
+    vertices, index = np.unique(quads, axis=0, return_inverse=True)
+    quads = index.reshape(-1, 4)
+    return vertices / filled.shape[0], np.concatenate([quads[:, [0, 1, 2]], quads[:, [0, 2, 3]]])
+
+
+def test_a_window_of_a_closed_mesh_is_never_shut():
+    """A thick-walled box with a narrow window: its room is air, however narrow the window."""
+    filled = np.ones((16, 16, 16), bool)
+    filled[2:-2, 2:-2, 2:-2] = False
+    whole = solid_of(blocks(filled))
+    filled[7, 7, -2:] = False
+    solid = solid_of(blocks(filled))
+    middle, wall = (0.5, 0.5, 0.5), (1.5 / 18, 0.5, 0.5)
+    assert inside(solid, middle, wall) == [False, True]
+    assert (inside(whole, middle, wall), whole.facts.cavities) == ([False, True], 1)
+
+
+def test_nested_shells_are_cavities_only_if_their_orientation_says_so():
+    outer = trimesh.creation.icosphere(subdivisions=3)
+    inner = outer.copy().apply_scale(0.5)
+    turned = inner.copy()
+    turned.invert()
+    assert inside(solid_of(joined(outer, inner)), (0, 0, 0)) == [True]
+    hollow = solid_of(joined(outer, turned))
+    assert (inside(hollow, (0, 0, 0), (0.7, 0, 0)), hollow.facts.cavities) == ([False, True], 1)
+    assert inside(solid_of(joined(outer, turned), keep_cavities=False), (0, 0, 0)) == [True]
+
+
+def test_a_component_within_another_is_buried_and_said_to_be():
+    outer, inner = trimesh.creation.box((1, 1, 1)), trimesh.creation.icosphere(radius=0.3)
+    solid = solid_of(joined(outer, inner))
+    assert (len(solid.faces) < 100, solid.facts.kinds) == (True, {"solid": 1})
+
+
+def test_crossing_parts_become_one_surface():
+    boxes = [trimesh.creation.box((1, 1, 1)), trimesh.creation.box((0.5, 0.5, 2))]
+    solid = solid_of(joined(*boxes))
+    assert diagnose(solid.vertices, solid.faces).volume == pytest.approx(1 + 0.25, rel=0.01)
+
+
+def test_a_sheet_gets_a_thickness_there_alone():
+    plate = trimesh.Trimesh([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]], [[0, 1, 2], [0, 2, 3]])
+    solid = solid_of(plate, thickness=0.5)
+    thickness = 0.5 * solid.facts.cell
+    assert solid.facts.thickness == pytest.approx(thickness)
+    assert np.abs(solid.vertices[:, 2]).max() == pytest.approx(thickness / 2, rel=0.05)
+    assert solid.facts.kinds == {"sheet": 1}
+    ball = trimesh.creation.icosphere(subdivisions=3).apply_translation((3, 0, 0))
+    both = solid_of(joined(plate, ball))
+    assert both.facts.kinds == {"closed": 1, "sheet": 1}
+
+
+def test_a_closed_solid_thinner_than_a_cell_is_as_thick_as_it_is():
+    plate = trimesh.creation.box((1, 1, 0.4 / CELLS))
+    solid = solid_of(plate)
+    assert np.ptp(solid.vertices[:, 2]) == pytest.approx(0.4 / CELLS, rel=0.1)
+
+
+def test_two_sheets_in_one_cell_are_still_one_sound_surface():
+    plate = trimesh.Trimesh([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]], [[0, 1, 2], [0, 2, 3]])
+    near = plate.copy().apply_translation((0, 0, 0.5 / CELLS))
+    slanted = plate.copy().apply_transform(trimesh.transformations.rotation_matrix(0.02, (1, 0, 0)))
+    solid_of(joined(plate, near))
+    solid_of(joined(plate, slanted))
+
+
+def test_a_rim_that_is_not_planar_is_closed():
+    sphere = trimesh.creation.icosphere(subdivisions=4)
+    middle = sphere.triangles_center
+    saddle = middle[:, 2] > 0.75 + 0.3 * np.sin(2 * np.arctan2(middle[:, 1], middle[:, 0]))
+    solid = solid_of(without(sphere, np.flatnonzero(saddle)), share=0.5)
+    assert inside(solid, (0, 0, 0), (0, 0, -0.9)) == [True, True]
+    assert solid.facts.kinds == {"filled": 1}
+
+
+def test_debris_is_dropped_and_named():
+    ball, dust = trimesh.creation.icosphere(), trimesh.creation.icosphere(radius=0.1)
+    mesh = joined(ball, dust.apply_translation((1.5, 0, 0)))
+    assert len(solid_of(mesh).facts.components) == 2
+    solid = solid_of(mesh, debris=0.01)
+    assert (len(solid.facts.components), len(solid.facts.dropped)) == (1, 1)
+    assert diagnose(solid.vertices, solid.faces).components == 1
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_any_triangles_have_a_sound_surface(seed):
+    rng = np.random.default_rng(seed)
+    count = int(rng.integers(1, 40))
+    corners = rng.standard_normal((count, 3, 3)) * rng.choice([1, 0.1], (count, 1, 1))
+    corners += rng.standard_normal((count, 1, 3))
+    if seed % 2:
+        sphere = trimesh.creation.icosphere(subdivisions=3)
+        corners = np.concatenate([corners, sphere.triangles[rng.random(1280) < 0.8]])
+    solid_of((corners.reshape(-1, 3), np.arange(3 * len(corners)).reshape(-1, 3)))
+
+
+def test_simplification_keeps_the_surface_within_its_tolerance():
+    torus = trimesh.creation.torus(1, 0.4, major_sections=128, minor_sections=64)
+    fine = solid_of(torus, tolerance=0.0)
+    coarse = solid_of(torus)
+    assert len(coarse.faces) < 0.5 * len(fine.faces)
+    # the distance of both from the torus itself, in cells
+    for solid, bound in ((fine, 0.1), (coarse, 0.1)):
+        v = solid.vertices
+        off = np.hypot(np.hypot(v[:, 0], v[:, 1]) - 1, v[:, 2]) - 0.4
+        assert np.abs(off).max() < bound * solid.facts.cell
+        middle = v[solid.faces].mean(axis=1)
+        off = np.hypot(np.hypot(middle[:, 0], middle[:, 1]) - 1, middle[:, 2]) - 0.4
+        assert np.percentile(np.abs(off), 99) < 0.25 * solid.facts.cell
+
+
+def test_locked_vertices_stay_and_open_meshes_are_refused():
+    box = trimesh.creation.box((1, 1, 1)).subdivide().subdivide()
+    locked = np.zeros(len(box.vertices), bool)
+    locked[:60] = True
+    faces = simplified(box.vertices, box.faces, locked=locked, tolerance=0.01)
+    assert set(range(60)) <= set(np.unique(faces))
+    with pytest.raises(pandis.PandisError, match="not closed and manifold"):
+        simplified(box.vertices, box.faces[1:], locked=locked, tolerance=0.01)
+
+
+def test_rims_are_closed_loops_that_use_each_edge_once():
+    #     a triangle and a square that share vertex 2, and a way that ends
+    edges = [(0, 1), (1, 2), (2, 0), (2, 3), (3, 4), (4, 5), (5, 2), (6, 7)]
+    loops = rims(np.array(edges), 8)
+    assert sorted(sorted(loop.tolist()) for loop in loops) == [[0, 1, 2], [2, 3, 4, 5]]
+
+
+def test_the_same_bytes_whatever_the_number_of_threads():
+    code = """if True:
+        import hashlib, sys, numpy as np, trimesh
+        from pandis.pipeline.mesh.solid import SolidRules, make_solid
+        mesh = trimesh.creation.icosphere(subdivisions=4)
+        keep = np.random.default_rng(0).random(len(mesh.faces)) < 0.95
+        solid = make_solid(np.array(mesh.vertices), np.array(mesh.faces)[keep],
+                           SolidRules(cells=96), log=lambda text: None)
+        print(hashlib.sha256(solid.vertices.tobytes() + solid.faces.tobytes()).hexdigest())
+    """
+    digests = set()
+    for threads in ("1", "2", "3"):
+        environment = os.environ | {"IGL_NUM_THREADS": threads, "OMP_NUM_THREADS": threads,
+                                    "PYTHONPATH": os.pathsep.join(sys.path)}  # fmt: skip
+        done = subprocess.run([sys.executable, "-c", code], env=environment, text=True,
+                              capture_output=True, check=True)  # fmt: skip
+        digests.add(done.stdout.strip())
+    assert len(digests) == 1
+
+
+# --- as a rung of repair ---------------------------------------------------------------------
+
+
+def quiet(mesh, **options):
+    return pandis.repair((mesh.vertices, mesh.faces), **options)
+
+
+def test_a_refusal_recommends_a_solid_that_works():
+    box = open_box()
+    with pytest.raises(pandis.RepairError, match=r"`mesh: \{solid: always\}`") as refused:
+        quiet(box, small_hole=0.1)
+    assert refused.value.option == {"solid": "always"}
+    mesh = quiet(box, small_hole=0.1, **refused.value.option)
+    assert mesh.rungs[-1] == "solid"
+    assert mesh.record.solid.why.startswith("the mesh is open")
+    assert mesh.record.solid.invented == pytest.approx(1 / 6, abs=0.02)
+    assert mesh.record.after["valid"]
+
+
+def test_an_exact_repair_comes_before_a_solid():
+    box = trimesh.creation.box((1, 1, 1)).subdivide().subdivide()
+    mesh = quiet(without(box, [5]), solid="always")
+    assert (mesh.rungs, mesh.record.solid) == (["fill"], None)
+    whole = quiet(box, solid="always")
+    assert whole.unchanged
+    assert np.array_equal(whole.vertices, box.vertices)
+
+
+def test_exact_repairs_have_a_budget_of_time():
+    box = trimesh.creation.box((1, 1, 1)).subdivide().subdivide()
+    mesh = quiet(without(box, [5]), solid="always", solid_after=0)
+    assert mesh.rungs == ["solid"]
+    assert {rung.reason for rung in mesh.record.rungs[:-1]} == {
+        "no time is left (mesh.solid_after)"
+    }
+
+
+def test_the_fineness_follows_the_error_that_is_asked_for():
+    vertices = np.array([[0, 0, 0], [10.0, 0, 0], [0, 5, 0]])
+
+    def cells(error, **options):
+        return rules_of(MeshOptions(solid_error=error, **options), vertices).cells
+
+    assert cells("512 cells") == 512
+    assert cells("0.05") == cells("0.05 mm", unit="mm") == cells("0.005 cm", unit="mm") == 108
+    assert cells("0.5 %") == 98  # of the diagonal
+    for error, why in (("0.05 mm", "the unit of the mesh is unknown"), ("5000 cells", "64 to 1024"),
+                       ("0.0001", "takes 50,008 cells")):  # fmt: skip
+        with pytest.raises(pandis.PandisError, match=why):
+            cells(error)

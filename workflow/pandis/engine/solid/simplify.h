@@ -1,0 +1,253 @@
+/* Fewer faces for the same surface: a part of solid.c.
+ *
+ * Vertices are merged into neighbours, cheapest first, as long as the surface stays near (quadric
+ * error metrics: Garland and Heckbert 1997). The vertices that remain stay in place, so on the
+ * source. The caller finds faces that cross, and locks the vertices around them. */
+
+#define MOST_NEIGHBOURS 64
+#define TURN 0.2        /* cosine of the angle by which a face may turn in one step */
+#define NARROW 1e-4     /* least altitude of a new face, as a share of its longest edge */
+#define FLAT_ERROR 1e-8 /* square cells */
+#define FLAT_ROUNDS 2
+#define SHORT_FIRST 1e-5 /* of equal errors, the shorter edge: weight of its squared length */
+
+/* The weighted sum of squared distances to planes: x'Ax + 2b'x + c, and the weight. */
+typedef struct {
+    double a[6], b[3], c, weight;
+} Quadric;
+
+/* Half-edge 3 f + k leads from corner k of face f to its next. */
+typedef struct {
+    const double *places;
+    Face *faces;
+    int64_t face_count, vertex_count;
+    int32_t *opposite, *out; /* per half-edge; per vertex: a half-edge that leaves it */
+    Quadric *quadrics;
+    const uint8_t *locked;
+    Queue queue;
+    double bound; /* squared */
+    int queued;   /* whether vertices wait in the queue */
+} Mesh;
+
+static int32_t after(int32_t h) { return h % 3 == 2 ? h - 2 : h + 1; }
+
+static int32_t before(int32_t h) { return h % 3 == 0 ? h + 2 : h - 1; }
+
+static int32_t origin_of(const Mesh *m, int32_t h) { return m->faces[h / 3].corner[h % 3]; }
+
+static int32_t end_of(const Mesh *m, int32_t h) { return origin_of(m, after(h)); }
+
+/* The next half-edge that leaves the same vertex. */
+static int32_t turned(const Mesh *m, int32_t h) { return m->opposite[before(h)]; }
+
+/* Find the opposite of each half-edge; returns 0 if the mesh is not closed and manifold. */
+static int join_halves(Mesh *m) {
+    int64_t halves = 3 * m->face_count, done = 1;
+    int32_t *start = calloc((size_t)m->vertex_count + 2, sizeof *start);
+    int32_t *leaving = malloc((size_t)halves * sizeof *leaving);
+    if (start && leaving) {
+        for (int32_t h = 0; h < halves; h++) start[origin_of(m, h) + 2]++;
+        for (int64_t v = 0; v < m->vertex_count; v++) start[v + 2] += start[v + 1];
+        for (int32_t h = 0; h < halves; h++) leaving[start[origin_of(m, h) + 1]++] = h;
+        for (int32_t h = 0; h < halves; h++) {
+            int32_t from = end_of(m, h), to = origin_of(m, h), match = -1;
+            for (int32_t i = start[from]; i < start[from + 1]; i++)
+                if (end_of(m, leaving[i]) == to) done &= match < 0, match = leaving[i];
+            done &= match >= 0;
+            m->opposite[h] = match, m->out[to] = h;
+        }
+    }
+    done &= start && leaving;
+    free(start), free(leaving);
+    return (int)done;
+}
+
+static void add_quadric(Quadric *q, const Quadric *other) {
+    for (int i = 0; i < 6; i++) q->a[i] += other->a[i];
+    for (int i = 0; i < 3; i++) q->b[i] += other->b[i];
+    q->c += other->c, q->weight += other->weight;
+}
+
+static void add_planes(Mesh *m) {
+    for (int64_t f = 0; f < m->face_count; f++) {
+        const int32_t *corner = m->faces[f].corner;
+        double n[3];
+        area_of(m->places, m->faces + f, n);
+        double area = length(n);
+        if (!(area > 0)) continue;
+        for (int k = 0; k < 3; k++) n[k] /= area;
+        double d = -dot(n, m->places + 3 * (int64_t)corner[0]);
+        Quadric q = {{area * n[0] * n[0], area * n[1] * n[1], area * n[2] * n[2],
+                         area * n[0] * n[1], area * n[0] * n[2], area * n[1] * n[2]},
+            {area * d * n[0], area * d * n[1], area * d * n[2]}, area * d * d, area};
+        for (int k = 0; k < 3; k++) add_quadric(m->quadrics + corner[k], &q);
+    }
+}
+
+/* The mean squared distance of a place from a quadric's planes. */
+static double error_at(const Quadric *q, const double *p) {
+    double sum = q->c + q->a[0] * p[0] * p[0] + q->a[1] * p[1] * p[1] + q->a[2] * p[2] * p[2] +
+        2 * (q->a[3] * p[0] * p[1] + q->a[4] * p[0] * p[2] + q->a[5] * p[1] * p[2]) +
+        2 * dot(q->b, p);
+    return q->weight > 0 ? fmax(sum, 0) / q->weight : 0;
+}
+
+static double squared_length(const Mesh *m, int32_t h) {
+    const double *p = m->places + 3 * (int64_t)origin_of(m, h);
+    const double *q = m->places + 3 * (int64_t)end_of(m, h);
+    double side[3] = {q[0] - p[0], q[1] - p[1], q[2] - p[2]};
+    return dot(side, side);
+}
+
+/* The cost of merging a half-edge's origin into its end; infinite if too large. */
+static double cost_of(const Mesh *m, int32_t h) {
+    int32_t vertex = origin_of(m, h);
+    double error = error_at(m->quadrics + vertex, m->places + 3 * (int64_t)end_of(m, h));
+    return error <= m->bound ? error + SHORT_FIRST * squared_length(m, h) : (double)INFINITY;
+}
+
+/* Queue a vertex by its cheapest merge. */
+static void ask_again(Mesh *m, int32_t vertex) {
+    double least = INFINITY;
+    int32_t h = m->out[vertex];
+    if (!m->locked[vertex]) do
+            least = fmin(least, cost_of(m, h));
+        while ((h = turned(m, h)) != m->out[vertex]);
+    set_cost(&m->queue, vertex, least);
+}
+
+/* List the half-edges that leave a vertex; returns their number, or 0 if there are too many. */
+static int leaving(const Mesh *m, int32_t vertex, int32_t *list) {
+    int count = 0;
+    int32_t h = m->out[vertex];
+    do {
+        if (count == MOST_NEIGHBOURS) return 0;
+        list[count++] = h;
+    } while ((h = turned(m, h)) != m->out[vertex]);
+    return count;
+}
+
+/* Whether a face keeps its direction and stays wide enough with another place for a corner. */
+static int stays_sound(const Mesh *m, int32_t h, const double *place) {
+    const double *p = m->places + 3 * (int64_t)origin_of(m, h);
+    const double *q = m->places + 3 * (int64_t)end_of(m, h);
+    const double *r = m->places + 3 * (int64_t)origin_of(m, before(h));
+    double u[3], v[3], w[3], x[3], y[3], old[3], new[3];
+    for (int k = 0; k < 3; k++) {
+        u[k] = q[k] - p[k], v[k] = r[k] - p[k];
+        w[k] = q[k] - place[k], x[k] = r[k] - place[k], y[k] = r[k] - q[k];
+    }
+    cross(u, v, old), cross(w, x, new);
+    double longest = fmax(dot(w, w), fmax(dot(x, x), dot(y, y))), size = length(new);
+    return dot(old, new) >= TURN * length(old) * size && size >= NARROW * longest;
+}
+
+/* Whether the origin of a half-edge can be merged into its end, given those that leave both. */
+static int can_merge(const Mesh *m, int32_t h, const int32_t *mine, int count) {
+    int32_t theirs[MOST_NEIGHBOURS], other = m->opposite[h];
+    int common = 0, there = leaving(m, end_of(m, h), theirs);
+    if (!there) return 0;
+    for (int i = 0; i < count; i++)
+        for (int j = 0; j < there; j++) common += end_of(m, mine[i]) == end_of(m, theirs[j]);
+    if (common != 2) return 0;
+    const double *place = m->places + 3 * (int64_t)end_of(m, h);
+    for (int i = 0; i < count; i++)
+        if (mine[i] / 3 != h / 3 && mine[i] / 3 != other / 3 && !stays_sound(m, mine[i], place))
+            return 0;
+    return 1;
+}
+
+static void join(Mesh *m, int32_t one, int32_t other) {
+    m->opposite[one] = other, m->opposite[other] = one;
+    m->out[origin_of(m, one)] = one, m->out[origin_of(m, other)] = other;
+}
+
+/* Merge the origin of a half-edge into its end. */
+static void merge(Mesh *m, int32_t h, const int32_t *mine, int count) {
+    int32_t vertex = origin_of(m, h), end = end_of(m, h), other = m->opposite[h];
+    int32_t pairs[2][2] = {{m->opposite[after(h)], m->opposite[before(h)]},
+        {m->opposite[after(other)], m->opposite[before(other)]}};
+    for (int i = 0; i < count; i++) m->faces[mine[i] / 3].corner[mine[i] % 3] = end;
+    m->faces[h / 3].corner[0] = m->faces[other / 3].corner[0] = -1;
+    for (int i = 0; i < 2; i++) join(m, pairs[i][0], pairs[i][1]);
+    add_quadric(m->quadrics + end, m->quadrics + vertex);
+}
+
+/* Merge a vertex into the neighbour that is cheapest among those it can be merged into; or queue it
+ * again if its cost has risen since. Costs of queued vertices are not kept up to date. */
+static void merge_cheapest(Mesh *m, int32_t vertex) {
+    int32_t mine[MOST_NEIGHBOURS], around[MOST_NEIGHBOURS];
+    double cost[MOST_NEIGHBOURS];
+    int count = leaving(m, vertex, mine);
+    double least = INFINITY;
+    for (int i = 0; i < count; i++) {
+        cost[i] = cost_of(m, mine[i]), around[i] = end_of(m, mine[i]);
+        least = fmin(least, cost[i]);
+    }
+    if (m->queued && least > m->queue.cost[vertex]) {
+        set_cost(&m->queue, vertex, least);
+        return;
+    }
+    for (int tried = 0; tried < count; tried++) {
+        int best = 0;
+        for (int i = 1; i < count; i++)
+            if (cost[i] < cost[best]) best = i;
+        if (cost[best] == (double)INFINITY) return;
+        cost[best] = INFINITY;
+        if (!can_merge(m, mine[best], mine, count)) continue;
+        merge(m, mine[best], mine, count);
+        int32_t end = around[best];
+        m->out[vertex] = -1;
+        for (int i = 0; i < count && m->queued; i++)
+            if (around[i] == end || m->queue.where[around[i]] < 0) ask_again(m, around[i]);
+        return;
+    }
+}
+
+/* Merge the vertices inside flat faces and straight edges, in their own order: most vertices of
+ * parts with flat sides, without the queue's jumps through memory. */
+static void merge_flat(Mesh *m) {
+    double bound = m->bound;
+    m->bound = fmin(bound, FLAT_ERROR);
+    m->queued = 0;
+    for (int round = 0; round < FLAT_ROUNDS; round++)
+        for (int32_t v = 0; v < m->vertex_count; v++)
+            if (m->out[v] >= 0 && !m->locked[v]) merge_cheapest(m, v);
+    m->bound = bound;
+    m->queued = 1;
+}
+
+/* Simplify a closed manifold mesh in place: dropped faces get -1 as their first corner. The root
+ * mean square distance of a merged vertex from its planes is at most `tolerance`. Returns 0 if
+ * memory is short or the mesh is not closed and manifold. */
+int32_t solid_simplify(const double *places, int64_t vertices, int32_t *faces, int64_t count,
+    const uint8_t *locked, double tolerance) {
+    Mesh m = {.places = places,
+        .faces = (Face *)faces,
+        .face_count = count,
+        .vertex_count = vertices,
+        .locked = locked,
+        .bound = tolerance * tolerance};
+    m.opposite = malloc((size_t)(3 * count) * sizeof *m.opposite);
+    m.out = malloc((size_t)vertices * sizeof *m.out);
+    m.quadrics = calloc((size_t)vertices, sizeof *m.quadrics);
+    int done = m.opposite && m.out && m.quadrics && start_queue(&m.queue, vertices);
+    if (done) {
+        for (int64_t v = 0; v < vertices; v++) m.out[v] = -1;
+        done = join_halves(&m);
+    }
+    if (done) {
+        add_planes(&m);
+        merge_flat(&m);
+        for (int32_t v = 0; v < vertices; v++)
+            if (m.out[v] >= 0) ask_again(&m, v);
+        while (m.queue.count) {
+            int32_t vertex = m.queue.heap[0];
+            take_out(&m.queue, vertex);
+            merge_cheapest(&m, vertex);
+        }
+    }
+    free(m.opposite), free(m.out), free(m.quadrics);
+    free(m.queue.heap), free(m.queue.where), free(m.queue.cost);
+    return done;
+}

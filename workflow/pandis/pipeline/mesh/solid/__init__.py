@@ -1,0 +1,201 @@
+"""Turns any triangles into one closed surface around what a person would call their solid.
+
+The mesh may be open, cross itself, face both ways, or consist of loose triangles. See
+`pandis.engine.solid` for the lattice, `pandis.pipeline.mesh.solid.rooms` for what is solid.
+"""
+
+import re
+from typing import NamedTuple
+
+import numpy as np
+
+from pandis.base.errors import PandisError
+from pandis.engine.solid import Lattice, rims
+from pandis.pipeline.mesh.deviation import Surface
+from pandis.pipeline.mesh.solid.finish import finish
+from pandis.pipeline.mesh.solid.rooms import solid_rooms
+from pandis.pipeline.mesh.solid.source import MARGIN, source_of
+from pandis.pipeline.run.ask.values import UNITS
+
+#: Fewest and most cells along the longest side.
+FEWEST, MOST = 64, 1024
+#: Cells per error asked for: 99 % of the visible source lies within half a cell of most solids.
+_CELLS_PER_ERROR = 0.5
+#: Largest half width of a door, as a share of the radius of the smaller room.
+_DOOR = 0.6
+#: Half thickness of sheets of nodes, cells: less leaves holes, more joins neighbours.
+_HALF = 0.875
+#: A fan closes a rim if its middle is farther from the source than this share of the rim's width.
+_OFF = 0.1
+#: Width of the strips along open edges, cells: cracks of twice this width are closed.
+_STRIP = 0.25
+#: Bytes per node at most, for the price.
+_BYTES = 16
+
+
+class SolidRules(NamedTuple):
+    """What counts as solid, and how finely it is drawn.
+
+    Attributes
+    ----------
+    cells : int
+        Cells along the longest side.
+    thickness : float
+        Thickness of sheets, cells.
+    widest_door, widest_cap : float
+        Largest gap between open edges, and largest hole, that can be closed: shares of the
+        diagonal.
+    share : float
+        Largest share of a room's walls that may be invented.
+    keep_cavities : bool
+    debris : float
+        Components below this share of the volume are dropped.
+    tolerance : float
+        Largest distance by which simplification moves the surface, cells; 0: no simplification.
+    """
+
+    cells: int = 256
+    thickness: float = 0.3
+    widest_door: float = 0.15
+    widest_cap: float = 1.0
+    share: float = 0.25
+    keep_cavities: bool = True
+    debris: float = 0.0
+    tolerance: float = 0.1
+
+
+def rules_of(options, vertices):
+    """Return the rules that options of `mesh` ask for.
+
+    Parameters
+    ----------
+    options : pandis.pipeline.run.ask.options.MeshOptions
+    vertices : ndarray, shape (V, 3)
+        Used vertices of the mesh.
+
+    Raises
+    ------
+    PandisError
+        `mesh.solid_error` is out of range, or its unit is not that of the mesh.
+    """
+    number, unit = re.fullmatch(r"([\d.e-]+) ?(.*)", options.solid_error).groups()
+    number, extent = float(number), np.ptp(vertices, axis=0)
+    if unit != "cells":
+        units = {"": 1.0, "%": float(np.linalg.norm(extent)) / 100}
+        if options.unit in UNITS and unit in UNITS:
+            units[unit] = UNITS[unit] / UNITS[options.unit]
+        if unit not in units:
+            raise PandisError(
+                f"mesh.solid_error: {options.solid_error}: the unit of the mesh is "
+                f"{options.unit}; set `mesh: {{unit: mm}}`, or give the error in mesh units"
+            )
+        error = max(number * units[unit], 1e-300)
+        number = np.ceil(float(extent.max()) / error * _CELLS_PER_ERROR) + 2 * MARGIN
+    if not FEWEST <= number <= MOST:
+        raise PandisError(
+            f"mesh.solid_error: {options.solid_error} takes {number:,.0f} cells along the longest "
+            f"side; {FEWEST} to {MOST} are possible"
+        )
+    return SolidRules(
+        cells=int(number),
+        thickness=options.solid_thickness,
+        widest_door=options.solid_door,
+        widest_cap=options.solid_cap,
+        share=options.solid_share,
+        keep_cavities=options.solid_cavities == "kept",
+        debris=options.solid_debris,
+    )
+
+
+def make_solid(vertices, faces, rules=None, *, log=print):
+    """Return one closed, outward oriented surface without self-intersections.
+
+    Parameters
+    ----------
+    vertices : ndarray, shape (V, 3), float64
+    faces : ndarray, shape (F, 3), int64
+    rules : SolidRules, optional
+    log : pandis.base.progress.Log
+
+    Returns
+    -------
+    pandis.pipeline.mesh.solid.finish.Solid
+
+    Raises
+    ------
+    PandisError
+        Nothing has an area, or memory is short.
+    """
+    rules = rules or SolidRules()
+    source = source_of(vertices, faces, rules.cells)
+    frame = source.frame
+    size = " x ".join(map(str, frame.size.tolist()))
+    megabytes = int(np.prod(frame.size, dtype=np.int64)) * _BYTES // 10**6
+    log(f"solid: {size} nodes of {frame.cell:.4g} mesh units; at most {megabytes:,} MB")
+    caps, widths, ajar = _caps(source, rules.widest_cap * source.diagonal)
+    corners = np.concatenate([source.vertices[source.faces], caps])
+    bits = np.zeros(len(corners), np.uint8)
+    bits[: len(source.faces)] = ajar @ np.array([1, 2, 4])
+    lattice = Lattice(frame.to_cells(corners), bits, caps=len(caps), size=frame.size)
+    widest = max(rules.widest_door * source.diagonal / frame.cell / 2, 2.0)
+    _, middles = lattice.find_rooms(widest, _DOOR)
+    rooms = solid_rooms(
+        lattice, frame.to_mesh(middles), source,
+        share=rules.share, keep_cavities=rules.keep_cavities,
+    )  # fmt: skip
+    boundary, parts = lattice.boundary(rooms.solid, _HALF)
+    solid = finish(boundary, source, rules, parts=parts, rooms=rooms, caps=widths)
+    log(f"solid: {len(boundary.faces):,} faces, {len(solid.faces):,} after simplification")
+    return solid
+
+
+def _caps(source, widest):
+    """Cover rims with fans around their middles.
+
+    Returns
+    -------
+    fans : ndarray, shape (n, 3, 3)
+        And strips along the edges ajar.
+    widths : list of float
+        Widths of the rims.
+    ajar : ndarray, shape (F, 3), bool
+        Open edges that no fan closes: those of rims too wide, and of rims whose fan lies on the
+        source, as the rim of a panel does.
+    """
+    vertices, open_edges = source.vertices, source.open_edges
+    directed = source.faces[:, [[0, 1], [1, 2], [2, 0]]]
+    loops = rims(directed[open_edges], len(vertices))
+    middles = np.array([vertices[loop].mean(axis=0) for loop in loops]).reshape(-1, 3)
+    widths = np.array([np.linalg.norm(np.ptp(vertices[loop], axis=0)) for loop in loops])
+    narrow = widths <= widest
+    closing = narrow.copy()
+    if narrow.any():
+        closing &= Surface(vertices, source.faces).distance(middles) > _OFF * widths
+    fans, closed = [], np.zeros(len(vertices), bool)
+    for loop, middle, closes in zip(loops, middles, closing, strict=True):
+        rim = vertices[loop]
+        fan = [rim, np.roll(rim, -1, axis=0), np.broadcast_to(middle, rim.shape)]
+        fans.append(np.stack(fan, axis=1))
+        closed[loop] |= closes
+    fans = [fan for fan, fits in zip(fans, narrow, strict=True) if fits]
+    ajar = open_edges & ~closed[directed.reshape(-1, 3, 2)].all(axis=2)
+    fans.append(_strips(source, ajar))
+    return np.concatenate(fans), widths[closing].tolist(), ajar
+
+
+def _strips(source, ajar):
+    """Return triangles (n, 3, 3) that continue faces a little beyond their open edges.
+
+    They close cracks: an edge of the lattice could pass through one far from any node.
+    """
+    face, k = np.nonzero(ajar)
+    corners = source.vertices[source.faces]
+    start, end, apex = (corners[face, (k + i) % 3] for i in range(3))
+    along = end - start
+    away = start - apex
+    away -= along * ((away * along).sum(axis=1) / (along**2).sum(axis=1))[:, None]
+    size = np.linalg.norm(away, axis=1)
+    away = away[size > 0] / size[size > 0, None] * _STRIP * source.frame.cell
+    start, end = start[size > 0], end[size > 0]
+    near = np.stack([start, end, end + away], axis=1)
+    return np.concatenate([near, np.stack([start, end + away, start + away], axis=1)])

@@ -1,0 +1,219 @@
+"""Places the sides of sheets and caps, simplifies the surface, and says what was invented."""
+
+from typing import NamedTuple
+
+import igl
+import numpy as np
+from scipy.sparse import coo_array
+
+from pandis.engine.solid import NO_ROOM, ON_CAP, ON_DOOR, ON_SHEET, meetings, simplified
+from pandis.pipeline.mesh.diagnosis import FLAT, altitudes, crossing_faces
+from pandis.pipeline.mesh.topology import compact
+from pandis.pipeline.mesh.winding import WindingNumber
+from pandis.pipeline.run.records.mesh import SolidFacts
+
+#: Kinds of components: the source's own surface; closed by caps or doors; several surfaces as one;
+#: a sheet that was given a thickness.
+KINDS = ("closed", "filled", "solid", "sheet")
+#: Rounds of smoothing for doors, which are steps at first.
+_SMOOTHING = 10
+#: Sides of sheets farther than this from the source stay where they are, cells.
+_REACH = 1.6
+#: The mean distance of merged vertices, as a share of the tolerance: some are farther.
+_MEAN = 0.5
+#: Attempts at a surface without crossing faces, and the width of the surroundings that are locked.
+_ATTEMPTS, _NEAR = 12, 2.0
+#: Rounds in which vertices of crossing faces go back.
+_ROUNDS = 12
+#: Maximum numbers of caps, doors and components listed, the largest first.
+LISTED = 20
+#: Thickness from which a thin solid of a closed source is drawn as it is, cells.
+_THIN = 0.02
+#: A component is a sheet if more than this share of its vertices belong to sheets.
+_MOSTLY = 0.5
+
+
+class Solid(NamedTuple):
+    """A solid, and what was invented for it.
+
+    Attributes
+    ----------
+    vertices : ndarray, shape (V, 3), float64, mesh units
+    faces : ndarray, shape (F, 3), int64
+    facts : pandis.pipeline.run.records.mesh.SolidFacts
+    """
+
+    vertices: np.ndarray
+    faces: np.ndarray
+    facts: SolidFacts
+
+
+def finish(boundary, source, rules, *, parts, rooms, caps):
+    """Return the `Solid` of a boundary.
+
+    Parameters
+    ----------
+    boundary : pandis.engine.solid.Boundary
+    source : pandis.pipeline.mesh.solid.source.Source
+    rules : pandis.pipeline.mesh.solid.SolidRules
+    parts : pandis.engine.solid.Parts
+    rooms : pandis.pipeline.mesh.solid.rooms.Rooms
+    caps : list of float
+        Widths of the rims that caps close, mesh units.
+    """
+    frame = source.frame
+    small = (parts.volume > 0) & (parts.volume < rules.debris * parts.volume.clip(0).sum())
+    facts = SolidFacts(
+        cells=rules.cells,
+        cell=frame.cell,
+        rooms=len(rooms.solid) - 1,
+        opened=rooms.opened,
+        cavities=rooms.cavities,
+        caps=sorted(caps, reverse=True)[:LISTED],
+        doors=[width * frame.cell for width in rooms.doors[:LISTED]],
+        invented=parts.invented,
+        sheets=parts.sheets,
+        thickness=rules.thickness * frame.cell,
+        simplified=rules.tolerance,
+        **_components(boundary, parts, frame.cell**3, small=small, buried=rooms.buried),
+    )
+    if small.any():
+        boundary = boundary._replace(
+            faces=boundary.faces[~small[boundary.part[boundary.faces[:, 0]]]]
+        )
+    places = _sound(boundary, _placed(boundary, source, rules.thickness))
+    vertices, faces = _without_crossings(boundary, places, frame, tolerance=rules.tolerance)
+    return Solid(vertices, faces, facts)
+
+
+def _components(boundary, parts, scale, *, small, buried):
+    """Return the number of components of each kind, the largest, and those dropped."""
+    count = len(parts.faces)
+
+    def vertices_of(chosen):
+        return np.bincount(boundary.part[chosen], minlength=count)
+
+    in_sheet = boundary.room == NO_ROOM
+    sheet = vertices_of(in_sheet) > _MOSTLY * np.bincount(boundary.part, minlength=count)
+    filled = vertices_of(np.isin(boundary.origin, (ON_CAP, ON_DOOR))) > 0
+    several = vertices_of(~in_sheet & buried[boundary.room]) > 0
+    which = np.select([sheet, filled, several], [3, 1, 2], 0)
+    order = np.argsort(-np.abs(parts.volume), kind="stable")
+
+    def listed(chosen):
+        return [
+            {
+                "kind": KINDS[which[k]],
+                "faces": int(parts.faces[k]),
+                "volume": float(parts.volume[k] * scale),
+            }
+            for k in order[chosen[order]][:LISTED]
+        ]
+
+    kinds = np.bincount(which[~small], minlength=len(KINDS)).tolist()
+    return {
+        "kinds": {kind: n for kind, n in zip(KINDS, kinds, strict=True) if n},
+        "components": listed(~small),
+        "dropped": listed(small),
+    }
+
+
+def _placed(boundary, source, thickness):
+    """Return places (V, 3) of the vertices with the sides of sheets and doors where they belong."""
+    places = boundary.places.copy()
+    door = np.flatnonzero(boundary.origin == ON_DOOR)
+    if len(door):
+        places = _smoothed(places, boundary.faces, door)
+    side = np.flatnonzero(boundary.origin == ON_SHEET)
+    if not len(side):
+        return places
+    corners, faces = source.frame.to_cells(source.vertices), source.faces
+    squared, _, closest = igl.point_mesh_squared_distance(places[side], corners, faces)
+    distance = np.sqrt(squared)
+    near = (distance > 0) & (distance < _REACH)
+    side, distance, closest = side[near], distance[near], closest[near]
+    outward = (places[side] - closest) / distance[:, None]
+    offset = np.full(len(side), thickness / 2)
+    if source.closed:  # between two layers of the source, a thin solid is as thick as it is
+        depth = closest - _THIN * outward
+        offset[WindingNumber(corners, faces)(depth) > 0.75] = 0
+    places[side] = closest + np.minimum(offset, distance)[:, None] * outward
+    return places
+
+
+def _smoothed(places, faces, chosen):
+    """Move chosen vertices halfway to the mean of their neighbours, several times."""
+    edges = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])
+    row = np.full(len(places), -1)
+    row[chosen] = np.arange(len(chosen))
+    edges = edges[row[edges[:, 0]] >= 0]
+    shape = (len(chosen), len(places))
+    mean = coo_array((np.ones(len(edges)), (row[edges[:, 0]], edges[:, 1])), shape=shape).tocsr()
+    count = mean.sum(axis=1)[:, None]
+    places = places.copy()
+    for _ in range(_SMOOTHING):
+        places[chosen] = (places[chosen] + mean @ places / count) / 2
+    return places
+
+
+def _sound(boundary, target):
+    """Return places (V, 3) near the targets, where no faces cross in floating point.
+
+    Vertices of crossing faces go back towards the lattice, where no faces cross, by halves; with
+    their neighbours after some rounds.
+    """
+    moved = (target != boundary.places).any(axis=1)
+    share, faces = moved.astype(float), boundary.faces
+    question, places = moved[faces].any(axis=1), target
+    if not moved.any():
+        return target
+    for turn in range(_ROUNDS):
+        places = boundary.places + share[:, None] * (target - boundary.places)
+        around = _near(places, faces[question].reshape(-1))[faces].any(axis=1)
+        bad = meetings(places, faces[around], question[around])
+        back = np.zeros(len(places), bool)
+        back[faces[around][bad]] = True
+        if turn > _ROUNDS // 3:
+            back[faces[back[faces].any(axis=1)]] = True
+        back &= share > 0
+        if not back.any():
+            break
+        share[back] = np.where((share[back] > 0.2) & (turn < _ROUNDS // 2), share[back] / 2, 0.0)
+        question = back[faces].any(axis=1)
+    return places
+
+
+def _without_crossings(boundary, places, frame, *, tolerance):
+    """Return vertices (mesh units) and faces without self-intersections, simplified.
+
+    Where simplified faces cross, the vertices around them are locked, and it starts again. What
+    still crosses in exact arithmetic goes back to the lattice.
+    """
+    locked, vertices = np.zeros(len(places), bool), frame.to_mesh(places)
+    for _ in range(_ATTEMPTS):
+        faces = boundary.faces
+        if tolerance:
+            faces = simplified(places, faces, locked=locked, tolerance=tolerance * _MEAN)
+        faces = faces.astype(np.int64)
+        pairs = crossing_faces(vertices, faces)
+        flat = altitudes(vertices[faces])[0] <= FLAT
+        bad = faces[np.concatenate([pairs.reshape(-1), np.flatnonzero(flat)])].reshape(-1)
+        if not len(bad):
+            break
+        near = _near(places, bad)
+        back = near & locked & (places != boundary.places).any(axis=1)
+        places[back] = boundary.places[back]
+        vertices[back] = frame.to_mesh(places[back])
+        locked |= near
+    return compact(vertices, faces)
+
+
+def _near(places, chosen):
+    """Return a mask of the vertices in and around the cells of chosen ones, `_NEAR` cells wide."""
+    cells = (places / _NEAR).astype(np.int64) + 1
+    marks = np.zeros(cells.max(axis=0) + 2, bool)
+    marks[tuple(cells[chosen].T)] = True
+    for axis in range(3):
+        rows = np.moveaxis(marks, axis, 0)
+        rows[1:-1] |= rows[:-2] | rows[2:]
+    return marks[tuple(cells.T)]

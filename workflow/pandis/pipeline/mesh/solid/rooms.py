@@ -1,0 +1,134 @@
+"""Which rooms of a lattice are solid: the rules by which a person would call them so."""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from pandis.pipeline.mesh.winding import WindingNumber
+
+#: Shares of a room's wall that are noise: caps and doors up to the first never open it.
+_NOISE = 0.002
+#: A room that caps or doors part from the outside is outside if its winding number is below the
+#: first and more than the second share of its walls face into it: it is air around a sheet.
+_AIR_WINDING, _AIR_WALLS = 0.4, 0.6
+#: A cavity has a winding number below the first; more than the second share of its walls face in.
+_CAVITY_WINDING, _CAVITY_WALLS = 0.1, 0.95
+#: Largest shares of a cavity's single walls with the outside behind them: in a closed source, else.
+_SKIN_CLOSED, _SKIN_OPEN = 0.5, 0.02
+
+
+class Rooms(NamedTuple):
+    """The rooms of a lattice.
+
+    Attributes
+    ----------
+    solid : ndarray, shape (R,), bool
+    opened : int
+        Number of rooms that are air because too much of their wall would be invented.
+    cavities : int
+        Number of hollow rooms.
+    buried : ndarray, shape (R,), bool
+        Solid rooms with a wall of the source in or between them.
+    doors : list of float
+        Widths of the doors that part solid from air, cells, widest first.
+    """
+
+    solid: np.ndarray
+    opened: int
+    cavities: int
+    buried: np.ndarray
+    doors: list
+
+
+def solid_rooms(lattice, middles, source, *, share, keep_cavities):
+    """Decide which rooms are solid.
+
+    All are but the outside, rooms of which caps and doors to the outside are more than ``share`` of
+    the walls, and cavities: rooms that the source's closed shells exclude by their orientation.
+
+    Parameters
+    ----------
+    lattice : pandis.engine.solid.Lattice
+    middles : ndarray, shape (R, 3)
+        A place in each room, in the frame of the mesh.
+    source : pandis.pipeline.mesh.solid.source.Source
+    share : float
+    keep_cavities : bool
+
+    Returns
+    -------
+    Rooms
+    """
+    count = len(middles)
+    solid = np.arange(count) > 0
+    if count == 1:
+        return Rooms(solid, 0, 0, np.zeros(count, bool), [])
+    winding = np.abs(WindingNumber(source.vertices, source.faces)(middles))
+    walls = lattice.walls()
+    between = walls.rooms[:, 0] != walls.rooms[:, 1]
+    inward = _share_inward(walls, between & ~walls.cap, count)
+    outside = np.arange(count) == 0
+    one, other = _both_ways(walls.rooms[between & ~walls.cap])
+    real = np.bincount(one, minlength=count)
+    doors, distance = lattice.doors()
+    invented = _both_ways(np.concatenate([walls.rooms[between & walls.cap], doors]))
+    while True:
+        one, other = invented
+        unreal = np.bincount(one[outside[other]], minlength=count)
+        part = unreal / np.maximum(real + unreal, 1)
+        air = (winding < _AIR_WINDING) & (inward > _AIR_WALLS)
+        opened = ~outside & (part > _NOISE) & ((part > share) | air)
+        if not opened.any():
+            break
+        outside |= opened
+    solid = ~outside
+    hollow = np.zeros(count, bool)
+    if keep_cavities:
+        hollow = solid & (winding < _CAVITY_WINDING) & (inward > _CAVITY_WALLS)
+        hollow &= _behind_walls(walls, between, count, closed=source.closed)
+    solid &= ~hollow
+    return Rooms(
+        solid,
+        int(outside.sum()) - 1,
+        int(hollow.sum()),
+        _buried(walls, solid),
+        _door_widths(doors, 2 * distance, solid),
+    )
+
+
+def _buried(walls, solid):
+    """Return a mask of the solid rooms with a wall of the source inside, more than noise."""
+    count = len(solid)
+    inside = walls.rooms[walls.single & ~walls.cap & solid[walls.rooms].all(axis=1)]
+    total = np.bincount(walls.rooms.reshape(-1), minlength=count)
+    return np.bincount(inside.reshape(-1), minlength=count) > _NOISE * total
+
+
+def _both_ways(pairs):
+    """Return the two columns of pairs (n, 2), each followed by the other."""
+    return np.concatenate([pairs[:, 0], pairs[:, 1]]), np.concatenate([pairs[:, 1], pairs[:, 0]])
+
+
+def _share_inward(walls, which, count):
+    """Return the share of each room's walls, among the mask, whose normals point into it."""
+    rooms, faces = walls.rooms[which], walls.faces[which]
+    inward = np.bincount(rooms[:, 1], faces > 0, count) + np.bincount(rooms[:, 0], faces < 0, count)
+    total = np.bincount(rooms[:, 0], minlength=count) + np.bincount(rooms[:, 1], minlength=count)
+    return inward / np.maximum(total, 1)
+
+
+def _behind_walls(walls, between, count, *, closed):
+    """Return a mask of rooms that more than one layer parts from the outside."""
+    one, other = _both_ways(walls.rooms[between & walls.single & ~walls.cap])
+    total = np.bincount(one, minlength=count)
+    skin = np.bincount(one[other == 0], minlength=count)
+    return (total > 0) & (skin <= (_SKIN_CLOSED if closed else _SKIN_OPEN) * total)
+
+
+def _door_widths(doors, width, solid):
+    """Return the greatest width between each two rooms of which one is solid, widest first."""
+    shut = solid[doors].sum(axis=1) == 1
+    pairs, index = np.unique(np.sort(doors[shut], axis=1), axis=0, return_inverse=True)
+    widths = np.zeros(len(pairs))
+    np.maximum.at(widths, index.reshape(-1), width[shut])
+    return sorted(widths.tolist(), reverse=True)
