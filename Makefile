@@ -45,6 +45,8 @@ figures: .venv/installed
 	$(PYTHON) -m venv .venv
 	$(BIN)/python -m pip install --requirement constraints.txt
 	$(BIN)/python -m pip install --no-deps mujoco-warp==4.0.0  # it needs only MuJoCo's core
+	printf '#!/bin/sh\nPYTHONPATH="%s/workflow$${PYTHONPATH:+:$$PYTHONPATH}" exec "%s/$(BIN)/python" -m pandis "$$@"\n' "$(CURDIR)" "$(CURDIR)" > $(BIN)/pandis
+	chmod +x $(BIN)/pandis
 	touch $@
 
 # compile pandis.wasm, which web pages run: needs Debian's clang and lld; commit the result

@@ -364,11 +364,20 @@ def test_a_refusal_recommends_a_solid_that_works():
     with pytest.raises(pandis.RepairError, match=r"`mesh: \{solid: always\}`") as refused:
         quiet(box, small_hole=0.1)
     assert refused.value.option == {"solid": "always"}
-    mesh = quiet(box, small_hole=0.1, **refused.value.option)
+    closed = quiet(box, small_hole=0.1, **refused.value.option)
+    assert (closed.rungs[-1], closed.record.solid) == ("fill", None)  # exact, so it comes first
+    mesh = quiet(box, small_hole=0.1, solid_share=0.1, **refused.value.option)
     assert mesh.rungs[-1] == "solid"
-    assert mesh.record.solid.why.startswith("the mesh is open")
-    assert mesh.record.solid.invented == pytest.approx(1 / 6, abs=0.02)
+    assert mesh.record.solid.why.startswith("caps are 17 % of the surface")
+    assert (mesh.record.solid.opened, mesh.record.solid.kinds) == (1, {"sheet": 1})
     assert mesh.record.after["valid"]
+
+
+def test_pieces_that_an_exact_repair_would_leave_out_are_part_of_a_solid():
+    box = trimesh.creation.box((1, 1, 1))
+    sheet = trimesh.Trimesh([[2, 0, 0], [3, 0, 0], [3, 1, 0]], [[0, 1, 2]])
+    mesh = quiet(joined(box, sheet), solid="always")
+    assert mesh.record.solid.kinds == {"closed": 1, "sheet": 1}
 
 
 def test_an_exact_repair_comes_before_a_solid():

@@ -67,6 +67,6 @@ def test_the_command_writes_a_file(tmp_path, capsys):
     path = tmp_path / "torus.pandis"
     assert main(["sample", "torus", str(path), "3", "1"]) == 0
     assert pandis.load(path).query([[3.0, 0, 0]]).distance == pytest.approx(-1.0)
-    assert main(["sample", "torus", str(path), "3"]) == 1
+    assert main(["sample", "torus", str(path), "3"]) == 3
     assert "2 finite sizes above zero" in capsys.readouterr().err
     assert path.stat().st_size < 1000

@@ -172,4 +172,4 @@ def test_the_programs_of_the_page_run(files, tmp_path, monkeypatch):
     (text,) = re.findall("```python\n(.*?)```", page, re.S)
     exec(text, {})
     assert len((tmp_path / "bunny.vdb").read_bytes()) > len(first)
-    assert main(["volume", str(files["nearest"]), "other.vdb"]) == 1
+    assert main(["volume", str(files["nearest"]), "other.vdb"]) == 3

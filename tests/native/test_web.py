@@ -147,13 +147,13 @@ def test_a_page_needs_nothing_else(files, tmp_path, capsys):
     other = tmp_path / "other.html"
     for wrong, why in (("nearest", "cannot be touched"), ("sphere", "another object")):
         given = [str(files["compact"]), str(files[wrong]), "--output", str(other)]
-        assert main(["view", *given]) == 1
+        assert main(["view", *given]) == 3
         assert why in capsys.readouterr().err
         assert not other.exists()
     for wrong in (["--size", "0"], ["--size", "nan"], ["--stiffness", "-1"]):
-        assert main(["view", str(files["compact"]), *wrong, "--output", str(other)]) == 1
+        assert main(["view", str(files["compact"]), *wrong, "--output", str(other)]) == 3
         assert "on a page" in capsys.readouterr().err
-    assert main(["view", str(tmp_path / "none.pandis"), "--output", str(other)]) == 1
+    assert main(["view", str(tmp_path / "none.pandis"), "--output", str(other)]) == 3
     assert "cannot be read" in capsys.readouterr().err
 
 

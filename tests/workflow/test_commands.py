@@ -296,11 +296,18 @@ def test_run_writes_a_configuration_and_carries_it_out(workspace):
     written = yaml.safe_load((workspace / "part.yaml").read_text())
     assert written["device"] == {"size": 0.05, "stiffness": 400}
     assert written["fields"] == ["exact", "compact-auto"]
-    (workspace / "part.yaml").write_text(yaml.safe_dump(written | {"fields": ["exact"]}))
+    head = (workspace / "part.yaml").read_text().partition("\n")[0]
+    edited = yaml.safe_dump(written | {"fields": ["exact"]})
+    (workspace / "part.yaml").write_text(f"{head}\n{edited}")
     done = subprocess.run(command, cwd=workspace, env=environment(**path), text=True,
                           capture_output=True, check=False)  # fmt: skip
-    assert "part.yaml exists and is used as it is; --force writes it anew" in done.stderr
+    assert "part.yaml has been edited and is used as it is; --force writes it anew" in done.stderr
     assert "export_native        1" in done.stdout
+    for other in (["--stiffness", "800"], ["--size", "60 mm"], ["--fields", "exact"]):
+        done = subprocess.run([*command, *other], cwd=workspace, env=environment(**path), text=True,
+                              capture_output=True, check=False)  # fmt: skip
+        assert done.returncode == 3
+        assert "part.yaml was written for other meshes or options" in done.stderr
     done = subprocess.run([*command, "--force"], cwd=workspace, env=environment(**path), text=True,
                           capture_output=True, check=False)  # fmt: skip
     assert "export_native        2" in done.stdout

@@ -62,6 +62,7 @@ def _run(arguments):
             help=summary,
             description=f"{summary[0].upper()}{summary[1:]}.",
             formatter_class=argparse.RawDescriptionHelpFormatter,
+            allow_abbrev=False,
         )
         if name in arguments[:1]:  # the options of the others would take a second to import
             import_module(f"pandis.commands.{module}").add_options(name, command)

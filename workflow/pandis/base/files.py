@@ -44,7 +44,8 @@ class AtomicFile:
         if self.stream and not self.stream.closed:
             with suppress(OSError):  # closing flushes, which fails again on a full disk
                 self.stream.close()
-        self.part.unlink(missing_ok=True)
+        with suppress(OSError):  # on a read-only file system, even if there is no file
+            self.part.unlink(missing_ok=True)
 
     def explain(self, error):
         """Return a PandisError that describes an error and says what to do."""
@@ -146,4 +147,5 @@ def write_new(path, data, *, check=None, force=False):
             check_output(path, force=False)
             part.replace(path)
     finally:
-        part.unlink(missing_ok=True)
+        with suppress(OSError):
+            part.unlink(missing_ok=True)

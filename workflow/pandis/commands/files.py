@@ -7,7 +7,10 @@ import webbrowser
 from pathlib import Path
 
 from pandis.base.errors import PandisError
+from pandis.base.files import check_output, write_new
 from pandis.base.workflow import workflow_folder
+
+FINE, REFUSED = 0, 3
 
 
 def add_options(name, parser):
@@ -21,6 +24,7 @@ def add_options(name, parser):
     elif name == "mjcf":
         parser.add_argument("scene", metavar="SCENE", help="results/scenes/{scene}.json")
         parser.add_argument("model", metavar="MODEL", help="the file to write: ….xml")
+        _add_force(parser)
         parser.set_defaults(run=_mjcf)
     elif name == "sample":
         parser.add_argument("shape", metavar="SHAPE", help="sphere, torus, box or capsule")
@@ -28,6 +32,7 @@ def add_options(name, parser):
         parser.add_argument(
             "sizes", nargs="*", type=float, metavar="SIZE", help="see docs/format.md"
         )
+        _add_force(parser)
         parser.set_defaults(run=_sample)
     elif name == "volume":
         parser.add_argument("file", metavar="FILE", help="a .pandis file")
@@ -39,6 +44,7 @@ def add_options(name, parser):
         parser.add_argument(
             "--length", type=float, default=1.0, help="volume units per mesh unit (1)"
         )
+        _add_force(parser)
         parser.set_defaults(run=_volume)
     elif name == "csharp":
         parser.add_argument("folder", metavar="FOLDER", help="for Unity: Assets/Plugins")
@@ -57,6 +63,7 @@ def add_options(name, parser):
         parser.add_argument(
             "--up", choices=("x", "y", "z"), default="y", help="axis that points up (y)"
         )
+        _add_force(parser)
         parser.set_defaults(run=_view)
     elif name == "include":
         parser.set_defaults(run=_include)
@@ -64,17 +71,22 @@ def add_options(name, parser):
         parser.set_defaults(run=_snakefile)
 
 
+def _add_force(parser):
+    parser.add_argument("--force", action="store_true", help="replace an existing file")
+
+
 def _info(words):
-    """Describe all files that can be read; return 1 if any cannot, otherwise 0."""
+    """Describe all files that can be read; return REFUSED if any cannot."""
     from pandis.runtime.info import describe, facts
 
-    status, every = 0, []
+    status, every = FINE, []
     for path in words.files:
         try:
             contents = facts(path)
         except PandisError as error:
             print(f"error: {error}", file=sys.stderr)
-            status = 1
+            status = REFUSED
+            every.append({"file": path, "error": str(error)})
             continue
         every.append(contents)
         if not words.json:
@@ -85,27 +97,36 @@ def _info(words):
 
 
 def _done(work, *arguments, **options):
-    """Call a function and return 0; if it fails, print the reason and return 1."""
+    """Call a function and return FINE; if it fails, print the reason and return REFUSED."""
     try:
         work(*arguments, **options)
     except (PandisError, OSError) as error:
         print(f"error: {error}", file=sys.stderr)
-        return 1
-    return 0
+        return REFUSED
+    return FINE
 
 
 def _mjcf(words):
     """Write a scene as MJCF."""
     from pandis.bridges.mujoco.mjcf import write_mjcf
 
-    return _done(write_mjcf, words.scene, words.model)
+    def write():
+        check_output(words.model, force=words.force)
+        write_mjcf(words.scene, words.model)
+
+    return _done(write)
 
 
 def _sample(words):
     """Write a closed-form shape as a file."""
     from pandis.runtime.samples import sample_bytes
 
-    return _done(lambda: Path(words.file).write_bytes(sample_bytes(words.shape, *words.sizes)))
+    def write():
+        if Path(words.file).suffix != ".pandis":
+            raise PandisError(f"{words.file}: the ending must be .pandis")
+        write_new(words.file, sample_bytes(words.shape, *words.sizes), force=words.force)
+
+    return _done(write)
 
 
 def _volume(words):
@@ -114,7 +135,12 @@ def _volume(words):
     from pandis.bridges.vdb.writing import write_volume
 
     options = {"voxel": words.voxel, "band": words.band, "length": words.length}
-    return _done(lambda: write_volume(load(words.file), words.volume, **options))
+
+    def write():
+        check_output(words.volume, force=words.force)
+        write_volume(load(words.file), words.volume, **options)
+
+    return _done(write)
 
 
 def _csharp(words):
@@ -139,13 +165,21 @@ def _snakefile(words):
 
 
 def _view(words):
-    """Write a page for touching fields and open it; return 1 if it cannot be written."""
+    """Write a page for touching fields and open it."""
     from pandis.bridges.web import write_page
 
     path = Path(words.output or Path(tempfile.mkdtemp(prefix="pandis-")) / "touch.html")
     options = {"stiffness": words.stiffness, "up": words.up}
-    if _done(write_page, path, words.files, words.size, **options):
-        return 1
+
+    def write():
+        if words.output and path.suffix not in (".html", ".htm"):
+            raise PandisError(f"{path}: the ending must be .html")
+        if words.output:
+            check_output(path, force=words.force)
+        write_page(path, words.files, words.size, **options)
+
+    if status := _done(write):
+        return status
     print(path)
     if not words.output and not webbrowser.open(path.resolve().as_uri()):
         print("no browser could be opened: open the page yourself", file=sys.stderr)

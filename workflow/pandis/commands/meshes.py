@@ -164,9 +164,11 @@ class _Command:
     def _repair(self, path, output, log):
         mesh = pandis.repair(path, log=log, **self.options)
         mesh.save(output, self.words.force)
+        moved = mesh.record.deviation
         did = "unchanged" if mesh.unchanged else ", ".join(mesh.rungs)
         line = (
-            f"{output}: {len(mesh.faces):,} faces; {did}; moved by {mesh.record.moved:.3g} at most"
+            f"{output}: {len(mesh.faces):,} faces; {did}; from source to result at most "
+            f"{moved['to_result']['max']:.3g}, back {moved['to_source']['max']:.3g}"
         )
         row = {
             "mesh": path, "output": str(output), "faces": len(mesh.faces), "rungs": mesh.rungs,

@@ -67,6 +67,7 @@ def _write(words):
     folder = re.sub(r"[^A-Za-z0-9_-]", "-", path.stem)
     size = words.size if re.fullmatch(r"[\d.e-]+", words.size) else json.dumps(words.size)
     lines = [
+        _written_for(words, meshes),
         f"results: results/{folder}",
         f"fields: {json.dumps(words.fields.split(','))}",
         f"device: {{size: {size}, stiffness: {words.stiffness:g}}}",
@@ -76,6 +77,19 @@ def _write(words):
     text = "\n".join(lines) + "\n"
     if words.force or not path.exists():
         write_new(path, text.encode(), force=True)
-    elif path.read_text(encoding="utf-8") != text:
-        print(f"{path} exists and is used as it is; --force writes it anew", file=sys.stderr)
+        return path
+    there = path.read_text(encoding="utf-8")
+    if not there.startswith(lines[0] + "\n"):
+        raise PandisError(
+            f"{path} was written for other meshes or options than these: name another file with "
+            "-o, or replace it with --force"
+        )
+    if there != text:
+        print(f"{path} has been edited and is used as it is; --force writes it anew",
+              file=sys.stderr)  # fmt: skip
     return path
+
+
+def _written_for(words, meshes):
+    """Return the first line of a configuration, which says for what it was written."""
+    return f"# for {json.dumps([words.fields, words.size, words.stiffness, meshes])}"

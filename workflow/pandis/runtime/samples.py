@@ -40,6 +40,8 @@ def sample_bytes(shape: str, *sizes: Number) -> bytes:
     if len(numbers) != count or not all(np.isfinite(size) and size > 0 for size in numbers):
         sizes = "a finite size" if count == 1 else f"{count} finite sizes"
         raise PandisError(f"{shape}: give {sizes} above zero, not {numbers}")
+    if shape == "torus" and numbers[1] >= numbers[0]:
+        raise PandisError(f"torus: the tube's radius {numbers[1]:g} must be below the ring's")
     half = _half(shape, numbers)
     frame = Frame.of_bounds(-half, half)
     corners = frame.to_unit(np.stack([-half, half]))

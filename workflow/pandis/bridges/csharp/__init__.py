@@ -1,10 +1,10 @@
 """Fields in C#: writes the files that Unity, .NET and Mono need."""
 
-import shutil
 from os import PathLike
 from pathlib import Path
 
 from pandis.base.errors import PandisError
+from pandis.base.files import write_atomically
 from pandis.engine.compiler import FLAGS, build, find_compiler
 
 _HERE = Path(__file__).parent
@@ -37,8 +37,7 @@ def write_csharp(folder: str | PathLike[str]) -> list[Path]:
         raise PandisError("no C compiler found: install gcc, or set the environment variable CC")
     library = build([compiler, *FLAGS, "-s"], SOURCE, ["-lm"], name="csharp.so")
     folder = Path(folder)
-    folder.mkdir(parents=True, exist_ok=True)
     written = [folder / "Pandis.cs", folder / "libpandis.so"]
-    shutil.copy(_HERE / "Pandis.cs", written[0])
-    shutil.copy(library, written[1])
+    for path, source in zip(written, (_HERE / "Pandis.cs", library), strict=True):
+        write_atomically(path, source.read_bytes())
     return written

@@ -7,6 +7,7 @@ from xml.etree import ElementTree
 import numpy as np
 
 from pandis.base.errors import ArtifactError, PandisError
+from pandis.base.files import write_atomically
 from pandis.base.obj import obj_text
 from pandis.bridges.mujoco import NAME
 from pandis.runtime.field import NativeField
@@ -51,7 +52,7 @@ def write_mjcf(scene, path, meshes=None):
     for name, each in placed.items():
         if name not in meshes and (file := _mesh_file(each.field, path, written)):
             meshes[name] = file
-    path.write_text(mjcf_text(path.stem, placed, meshes, frictions=frictions), encoding="utf-8")
+    write_atomically(path, mjcf_text(path.stem, placed, meshes, frictions=frictions).encode())
 
 
 def mjcf_text(model, placed, meshes, *, frictions):
@@ -138,7 +139,7 @@ def _mesh_file(field, path, written):
         corners = np.frombuffer(contents.sections["VERT"], "<f8").reshape(-1, 3)
         faces = np.frombuffer(contents.sections["FACE"], "<i4").reshape(-1, 3)
         file = path.with_name(f"{path.stem}-{len(written)}.obj")
-        file.write_text(obj_text(contents.field.frame.to_mesh(corners), faces), encoding="ascii")
+        write_atomically(file, obj_text(contents.field.frame.to_mesh(corners), faces).encode())
         written[beside] = file
     return written[beside]
 

@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 
 from pandis.base.errors import PandisError
+from pandis.base.files import write_atomically
 from pandis.bridges.vdb.leaves import ALONG, SIDE, leaves
 from pandis.bridges.vdb.vdb import vdb_bytes
 from pandis.runtime.field import NativeField, Number
@@ -60,7 +61,7 @@ def write_volume(
         field, float(voxel), float(band), length=float(length), whole=path.suffix == ".nvdb"
     )
     if path.suffix == ".vdb":
-        path.write_bytes(vdb_bytes({name: volume}))
+        write_atomically(path, vdb_bytes({name: volume}))
     else:
         _write_nvdb(volume, path)
 

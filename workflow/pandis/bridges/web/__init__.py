@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from pandis.base.errors import ArtifactError, PandisError
+from pandis.base.files import write_atomically
 from pandis.base.frame import UNIT_SIDE
 from pandis.bridges.web.surface import surface_of
 from pandis.runtime.field import NativeField
@@ -62,7 +63,7 @@ def write_page(
     size = run_size if size is None else size
     stiffness = run_stiffness if stiffness is None else stiffness
     text = page(name, fields, size, stiffness=stiffness, up=up)
-    Path(path).write_text(text, encoding="utf-8")
+    write_atomically(path, text.encode())
 
 
 def _scale_beside(path):

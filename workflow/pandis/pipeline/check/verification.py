@@ -17,6 +17,7 @@ from pandis.pipeline.report.seal import SEALED, read_seal
 from pandis.pipeline.report.tables import summarise, to_csv
 from pandis.pipeline.run.ask.catalogue import RESERVED_NAMES
 from pandis.pipeline.run.ask.sourcing import source_digest, source_files, source_path, url_extension
+from pandis.pipeline.run.host.ending import read_partial_note
 from pandis.pipeline.run.job.artifact import check_seal, file_digest, read_artifact
 from pandis.pipeline.run.job.provenance import needs
 from pandis.pipeline.run.job.stored import RESULTS
@@ -112,10 +113,9 @@ def remedy(plan, faults):
     common = f"-j2{_configfiles(plan)}"
     stale = [output for output, fault in faults if fault.startswith(_STALE)]
     # results whose only fault is a bad input become valid again once that input is restored
-    apart = (*_STALE, _WAITS)
-    lost = [output for output, fault in faults if not fault.startswith(apart)]
+    apart = (*_STALE, _WAITS, _REFUSED, _PARTIAL)
+    outputs = [output.path for output, fault in faults if not fault.startswith(apart)]
     commands = []
-    outputs = [output.path for output in lost if output.stage != "refuse"]
     if outputs:
         commands.append(
             f"To restore what is lost or damaged without rebuilding what depends on it: "
@@ -124,7 +124,7 @@ def remedy(plan, faults):
     if stale:
         paths = " ".join(output.path for output in stale)
         commands.append(f"To rebuild what is stale: snakemake {common} -R {paths} -- all")
-    if any(output.stage == "refuse" for output in lost):
+    if any(fault.startswith((_REFUSED, _PARTIAL)) for _, fault in faults):
         commands.append(
             "Meshes that are refused must be repaired, or removed from the configuration."
         )
@@ -133,11 +133,16 @@ def remedy(plan, faults):
 
 #: Prefixes of fault messages: of results with a faulty input, and of intact but outdated results.
 _WAITS = "its input"
-_STALE = ("stale", "is another result", "differs", "leaves out")
+_STALE = ("stale", "is another result", "differs")
+_REFUSED, _PARTIAL = "refused", "leaves out the meshes that a run could not build"
 
 
 def _configfiles(plan):
-    return f" --configfile {' '.join(plan.files)}" if plan.files != [DEFAULT_CONFIG] else ""
+    installed = plan.digests.root != plan.digests.folder
+    snakefile = ' -s "$(pandis snakefile)"' if installed else ""
+    if plan.files == [DEFAULT_CONFIG]:
+        return snakefile
+    return f"{snakefile} --configfile {' '.join(plan.files)}"
 
 
 class Checker:
@@ -148,14 +153,17 @@ class Checker:
         #: Stored provenance, by output path.
         self.provenance = {}
         self._digests = {}
+        #: Reasons by mesh, of the last run in which some could not be built.
+        self.refused = read_partial_note(plan)
 
     def fault(self, output):
         """Return a description of an output's fault, or None."""
         path = Path(output.path)
         if output.stage == "refuse":
-            return f"refused: {self.plan.refused[output.wildcards['mesh']]}"
+            return f"{_REFUSED}: {self.plan.refused[output.wildcards['mesh']]}"
         if not path.is_file():
-            return "missing"
+            why = self.refused.get(output.wildcards.get("mesh"))
+            return "missing" if why is None else f"{_REFUSED}: {why}"
         if output.stage == "fetch":
             expected = self.plan.entries[output.wildcards["mesh"]].sha256.lower()
             return None if file_digest(path) == expected else "damaged: its sha256 differs"
@@ -174,7 +182,7 @@ class Checker:
     def _stale(self, output, stored):
         options = self.plan.options(output.stage)(output.wildcards)
         if stored["stage"] == "partial":
-            return "leaves out the meshes that a run could not build"
+            return _PARTIAL
         stored_stage = (stored["stage"], stored["wildcards"])
         if stored_stage != (output.stage, output.wildcards):
             return f"is another result, of {stored_stage[0]} {' '.join(stored_stage[1].values())}"
@@ -223,10 +231,13 @@ class Checker:
     def _collection(self, path):
         """Compare collection.csv with its digest in collection.html; return its fault, or None."""
         try:
-            expected = read_seal(path.with_suffix(".html")).get("table")
+            seal = read_seal(path.with_suffix(".html"))
         except (PandisError, OSError):
             return "its input, the page beside it, is missing or damaged"
-        return None if file_digest(path) == expected else "differs from the page beside it"
+        if seal["stage"] == "partial":
+            return _PARTIAL
+        same = file_digest(path) == seal.get("table")
+        return None if same else "differs from the page beside it"
 
     def _companion(self, path):
         """Return the fault of a human-readable copy of an artifact's attributes, or None."""

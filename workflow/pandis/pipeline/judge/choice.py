@@ -61,7 +61,13 @@ class Chooser:
         self._refuse_the_too_thin()
         self._try_controls()
         for name, kind in KINDS.items():
-            field = kind_module(name, "choice").choose(self) if kind.chosen else None
+            try:
+                field = kind_module(name, "choice").choose(self) if kind.chosen else None
+            except ModuleNotFoundError as error:
+                raise PandisError(
+                    f"{self._refusal()}. A network might meet it, which needs the package "
+                    f"{error.name}: pip install 'pandis-fields[workflow]'"
+                ) from error
             if field:
                 return field.arrays, field.attributes | self._record(field.choice), field.finish
         raise PandisError(self._refusal())

@@ -16,6 +16,8 @@ from pandis.pipeline.run.ask.options import MeshOptions
 
 #: Rungs that keep the source's surface; only these are tried if a solid is made otherwise.
 EXACT = ("clean", "union", "fill")
+#: CPU time of starting a process, which does not count, so that small meshes are never short of it.
+_STARTING = 1.5
 #: Largest volume that a rung may add or remove, as a share of the inside.
 INSIDE_CHANGED = 0.02
 
@@ -81,6 +83,13 @@ class Ladder:
             return False
         return rung in self.options.rungs
 
+    @property
+    def closes_holes(self):
+        """Whether large holes are filled, not refused."""
+        return self.options.open == "cap" or (
+            self.seconds_left is not None and self.options.open == "refuse"
+        )
+
     def attempt(self, rung, operation, accept, **parameters):
         """Run an operation in a child process; keep its result if ``accept`` returns None.
 
@@ -134,7 +143,7 @@ class Ladder:
             self.note(entry, f"failed: {error}")
             return False
         if self.seconds_left is not None:
-            self.seconds_left -= children_seconds() - before
+            self.seconds_left -= max(children_seconds() - before - _STARTING, 0.0)
         if not len(faces):
             self.note(entry, "no faces are left")
             return False

@@ -107,11 +107,23 @@ def _repaired(ladder, vertices, faces):
         ladder.seconds_left = ladder.options.solid_after
     try:
         climb(ladder)
+        if always:
+            _demand_own_walls(ladder)
     except RepairError as error:
         if always:
             return solidify(ladder, vertices, faces, why=str(error).partition(". ")[0])
         raise with_solid(error, vertices, faces, options=ladder.options) from None
     return None
+
+
+def _demand_own_walls(ladder):
+    """Raise if caps are too large a share of a mesh for which a solid would be made otherwise."""
+    caps = ladder.deviation["to_source"]["caps"]
+    if caps > ladder.options.solid_share:
+        raise RepairError(
+            f"caps are {100 * caps:.2g} % of the surface, and mesh.solid_share is "
+            f"{ladder.options.solid_share:g}"
+        )
 
 
 def climb(ladder):
@@ -133,7 +145,7 @@ def climb(ladder):
     share, edges = ladder.options.small_hole, ladder.options.max_hole_edges
     if ladder.now.boundary_edges and ladder.options.open != "thicken":
         _part_with_loose(ladder)
-    if ladder.now.boundary_edges and ladder.options.open != "cap":
+    if ladder.now.boundary_edges and not ladder.closes_holes:
         holes = large_holes(ladder.vertices, ladder.faces, share, max_edges=edges)
         if holes and ladder.options.open == "thicken":
             _thicken(ladder)

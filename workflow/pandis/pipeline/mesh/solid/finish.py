@@ -190,22 +190,41 @@ def _without_crossings(boundary, places, frame, *, tolerance):
     still crosses in exact arithmetic goes back to the lattice.
     """
     locked, vertices = np.zeros(len(places), bool), frame.to_mesh(places)
-    for _ in range(_ATTEMPTS):
+    for attempt in range(_ATTEMPTS):
         faces = boundary.faces
         if tolerance:
             faces = simplified(places, faces, locked=locked, tolerance=tolerance * _MEAN)
         faces = faces.astype(np.int64)
         pairs = crossing_faces(vertices, faces)
         flat = altitudes(vertices[faces])[0] <= FLAT
-        bad = faces[np.concatenate([pairs.reshape(-1), np.flatnonzero(flat)])].reshape(-1)
+        turned = _turned(boundary, places, faces)
+        bad = np.concatenate([pairs.reshape(-1), np.flatnonzero(flat), np.flatnonzero(turned)])
+        bad = faces[bad].reshape(-1)
         if not len(bad):
-            break
+            return compact(vertices, faces)
         near = _near(places, bad)
+        if attempt >= _ATTEMPTS // 3:
+            near = _near(places, near)
         back = near & locked & (places != boundary.places).any(axis=1)
         places[back] = boundary.places[back]
         vertices[back] = frame.to_mesh(places[back])
         locked |= near
-    return compact(vertices, faces)
+    return compact(frame.to_mesh(boundary.places), boundary.faces.astype(np.int64))
+
+
+def _turned(boundary, places, faces):
+    """Return a mask of the faces of components that simplification has turned inside out."""
+    part = boundary.part[faces[:, 0]]
+    before = boundary.part[boundary.faces[:, 0]]
+    count = int(before.max()) + 1
+    volume = _volumes(places, faces, part, count=count)
+    return (volume * _volumes(boundary.places, boundary.faces, before, count=count) < 0)[part]
+
+
+def _volumes(places, faces, part, *, count):
+    """Return the volume of each component, cubic cells."""
+    a, b, c = (places[faces[:, k]] for k in range(3))
+    return np.bincount(part, np.einsum("ij,ij->i", a, np.cross(b, c)), count) / 6
 
 
 def _near(places, chosen):

@@ -66,6 +66,14 @@ def partial_note(plan):
     return Path(plan.folder) / "refused.json"
 
 
+def read_partial_note(plan):
+    """Return why meshes are missing from the report, by name."""
+    try:
+        return json.loads(partial_note(plan).read_text(encoding="utf-8"))
+    except (OSError, ValueError):
+        return {}
+
+
 def forget_partial_report(plan):
     """Make sure that an incomplete report is rebuilt, even if copying changed its time stamp."""
     if partial_note(plan).is_file():
@@ -92,7 +100,7 @@ def partial_report(plan, workflow):
     final = [job for job in workflow.dag.jobs if {plan.report, plan.summary} & {*job.output}]
     if not any(plan.report in job.output for job in final):
         return
-    facts = {"config": plan.config, "root": str(plan.digests.root), "files": plan.files}
+    facts = {"config": plan.config, "root": str(plan.digests.folder), "files": plan.files}
     facts["since"] = plan.start
     command = [sys.executable, "-m", "pandis.pipeline.check.partial"]
     done = subprocess.run(

@@ -122,7 +122,7 @@ class CodeDigests:
     """
 
     def __init__(self, folder):
-        folder = Path(folder)
+        folder = self.folder = Path(folder)
         self.root = folder if (folder / "pandis").is_dir() else folder.parents[2]
         self.scripts = folder.parent / "scripts"
         self._digests = {}
