@@ -23,6 +23,7 @@ SCHEMA = ROOT / "workflow" / "schemas" / "config.schema.json"
 OPTIONS = ROOT / "config" / "README.md"
 README = ROOT / "README.md"
 REPAIR = ROOT / "docs" / "repair.md"
+SOLID = ROOT / "docs" / "solid.md"
 BENCHMARKS = ROOT / "docs" / "benchmarks"
 SPHERE = ROOT / "docs" / "sphere.md"
 TRAINING = ROOT / "docs" / "training.md"
@@ -213,6 +214,7 @@ def generated():
         README: with_generated(README, which=tables.which_table()),
         SPHERE: with_generated(SPHERE, sphere=tables.sphere_table()),
         REPAIR: with_generated(REPAIR, repair=tables.repair_table()),
+        SOLID: with_generated(SOLID, solid=tables.solid_table()),
         **_benchmarks(),
         **charts.charts(),
         api.PYTHON: api.python_page(),

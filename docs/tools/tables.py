@@ -414,6 +414,31 @@ def cooked_table():
     return _noted(table, notes)
 
 
+def solid_table():
+    """Return the table of solids by several methods."""
+    notes, rows = read_figures("solid")
+    titles = {"pandis": "**pandis, 256 cells**", "pcu": "point-cloud-utils", "wrap": "alpha wrap",
+              "udf": "offset by half a cell, 128", "mesh2sdf": "mesh2sdf, 128"}  # fmt: skip
+    table = [
+        "| method | answered | valid | crossing | hidden | components lost | from the visible "
+        "source, p99: median (cells) | within 0.5 | within 1 | IoU, median and least | faces "
+        "(median) | CPU s, median and 95 % |",
+        "|---|--:|--:|--:|--:|--:|--:|--:|--:|--:|--:|--:|",
+    ]
+    for row in rows:
+        share = [f"{100 * float(row[key]):.0f} %" for key in ("p99_half", "p99_one")]
+        table.append(_row([
+            titles[row["method"]], f"{row['answered']} of {row['meshes']}", row["valid"],
+            row["crossings"], row["hidden"],
+            f"{row['lost']} of {row['components']}",
+            f"{float(row['p99_median']):.2f}", *share,
+            f"{float(row['iou_median']):.3f}, {float(row['iou_least']):.3f}",
+            f"{int(row['faces_median']):,}",
+            f"{float(row['cpu_median']):.1f}, {float(row['cpu_p95']):.1f}",
+        ]))  # fmt: skip
+    return _noted(table, notes)
+
+
 def contact_table():
     """Return the table of a contact's cost, force and depth."""
     notes, rows = read_figures("contact")

@@ -397,7 +397,8 @@ def test_labels_are_saved_with_what_is_needed_to_read_them(tmp_path):
     labels.save(tmp_path / "a.npz")
     with np.load(tmp_path / "a.npz") as stored:
         assert set(stored) == {
-            "points", "distance", "normal", "stratum", "tied", "strata", "centre", "scale"
+            "points", "distance", "normal", "stratum", "tied", "moved", "strata", "centre",
+            "scale",
         }  # fmt: skip
         assert (stored["points"] == labels.points).all()
         assert stored["strata"][stored["stratum"]].tolist() == ["near"] * 100

@@ -192,9 +192,12 @@ class _Command:
         labels = pandis.labels(path, log=log, **self.options)
         labels.save(output, self.words.force)
         line = f"{output}: {len(labels.points):,} points, {(labels.distance < 0).sum():,} inside"
+        if labels.moved:
+            line += f"; the mesh was repaired, and its surface moved by up to {labels.moved:.3g}"
         row = {
             "mesh": path, "output": str(output), "points": len(labels.points),
             "inside": int((labels.distance < 0).sum()), "tied": int(labels.tied.sum()),
+            "moved": labels.moved,
         }  # fmt: skip
         return line, row, line, True
 

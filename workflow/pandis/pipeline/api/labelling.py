@@ -15,6 +15,7 @@ from pandis.pipeline.api.running import stages
 from pandis.pipeline.api.writing import write_arrays
 from pandis.pipeline.geometry.body import Body
 from pandis.pipeline.geometry.strata import STRATA
+from pandis.pipeline.run.records.mesh import MeshRecord
 from pandis.runtime.field import Floats
 from pandis.runtime.field.points import as_rows
 
@@ -50,6 +51,9 @@ class Labels(NamedTuple):
         Whether two points of the surface are closest, so that the normal is arbitrary.
     frame : Frame
         The unit frame, for programs that normalise.
+    moved : float
+        Largest distance between the mesh and its repaired surface, either way, caps apart; 0 if it
+        was valid.
     """
 
     points: np.ndarray
@@ -58,6 +62,7 @@ class Labels(NamedTuple):
     stratum: np.ndarray
     tied: np.ndarray
     frame: Frame
+    moved: float
 
     def save(self, path: str | PathLike[str], force: bool = False) -> None:
         """Write an ``.npz`` file with these arrays, ``strata``, ``centre`` and ``scale``."""
@@ -95,6 +100,7 @@ def labels(mesh: object, /, *, log: Log | None = None, **options: object) -> Lab
     config |= {"samples": DEFAULTS | config.get("samples", {}), "fields": ["exact"]}
     with stages(mesh, config, log) as run:
         samples = run.artifact("samples")
+        repaired = MeshRecord.of(run.artifact("mesh"))
     frame, arrays = Frame.of(samples), samples.arrays
     return Labels(
         points=frame.to_mesh(arrays["points"].astype(np.float64)),
@@ -103,6 +109,7 @@ def labels(mesh: object, /, *, log: Log | None = None, **options: object) -> Lab
         stratum=arrays["stratum"],
         tied=arrays["tied"].astype(bool),
         frame=frame,
+        moved=0.0 if repaired.shape else repaired.moved,
     )
 
 

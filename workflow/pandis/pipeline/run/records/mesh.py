@@ -98,5 +98,5 @@ class MeshRecord(Record):
 
     @property
     def moved(self):
-        """Largest distance of the result from the source, caps of holes apart, mesh units."""
-        return self.deviation["to_source"]["max"]
+        """Largest distance between source and result, caps apart, mesh units."""
+        return max(self.deviation[way]["max"] for way in ("to_source", "to_result"))
