@@ -3,6 +3,7 @@
 import os
 import subprocess
 import sys
+from fractions import Fraction
 from itertools import combinations
 
 import numpy as np
@@ -10,9 +11,10 @@ import pytest
 import trimesh
 
 import pandis
-from pandis.engine.solid import library, rims, simplified
+from pandis.engine.solid import FINENESS, library, rims, simplified
 from pandis.pipeline.mesh.diagnosis import diagnose
 from pandis.pipeline.mesh.solid import SolidRules, make_solid, rules_of
+from pandis.pipeline.mesh.solid.source import source_of
 from pandis.pipeline.mesh.winding import WindingNumber
 from pandis.pipeline.run.ask.options import MeshOptions
 
@@ -323,6 +325,17 @@ def test_locked_vertices_stay_and_open_meshes_are_refused():
     assert set(range(60)) <= set(np.unique(faces))
     with pytest.raises(pandis.PandisError, match="not closed and manifold"):
         simplified(box.vertices, box.faces[1:], locked=locked, tolerance=0.01)
+
+
+def test_vertices_are_placed_without_rounding():
+    """After rounding, two faces in one plane of the lattice could cross."""
+    sphere = trimesh.creation.icosphere().apply_scale(1.2345).apply_translation((3, -5, 7))
+    frame = source_of(np.array(sphere.vertices), np.array(sphere.faces), 200).frame
+    whole = np.random.default_rng(0).integers(0, 200 * FINENESS, (200, 3))
+    for row, placed in zip(whole, frame.to_mesh(whole / FINENESS), strict=True):
+        for k in range(3):
+            exact = Fraction(int(row[k]), FINENESS) * Fraction(frame.cell)
+            assert exact + Fraction(frame.origin[k]) == Fraction(placed[k])
 
 
 def test_rims_are_closed_loops_that_use_each_edge_once():

@@ -13,6 +13,8 @@ from pandis.engine.compiler import load
 #: Where a vertex comes from: a cut of the source, a cap over a rim, a door, the side of a sheet, a
 #: sharp edge or corner.
 ORIGINS = ON_SURFACE, ON_CAP, ON_DOOR, ON_SHEET, AT_CORNER = range(5)
+#: Vertices lie at multiples of this fraction of a cell.
+FINENESS = 2**28
 #: Room of a vertex of a sheet.
 NO_ROOM = -1
 

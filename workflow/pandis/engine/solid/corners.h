@@ -84,7 +84,7 @@ static int find_corner(const Lattice *l, const int32_t *at, const int8_t *edge, 
     for (int j = 0; j < 3; j++) {
         double inside = point[j] - base[j];
         if (!(inside >= -BEYOND && inside <= 1 + BEYOND)) return 0;
-        point[j] = base[j] + fmin(fmax(inside, FROM_SIDE), 1 - FROM_SIDE);
+        point[j] = base[j] + rounded(fmin(fmax(inside, FROM_SIDE), 1 - FROM_SIDE));
     }
     return 1;
 }

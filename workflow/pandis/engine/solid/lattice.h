@@ -62,6 +62,12 @@ typedef struct {
 #define SOLID 1
 #define SHEET 2
 
+/* Vertices lie at multiples of this fraction of a cell, so that a caller can place them without
+ * rounding: after rounding, faces that share a plane could cross. */
+#define FINENESS 268435456.0
+
+static double rounded(double along) { return floor(along * FINENESS + 0.5) / FINENESS; }
+
 static int64_t node_at(const Lattice *l, int32_t x, int32_t y, int32_t z) {
     return x + l->step[1] * y + l->step[2] * z;
 }

@@ -53,7 +53,7 @@ static int add_edge_vertex(
         along = fabs(p - q) > 1e-9 ? p / (p - q) : 0.5;
         origin = ON_SHEET;
     }
-    place[axis] += fmin(fmax(along, FROM_NODE), 1 - FROM_NODE);
+    place[axis] += rounded(fmin(fmax(along, FROM_NODE), 1 - FROM_NODE));
     *index = (int32_t)l->vertex_count;
     return add_vertex(l, place, origin, triangle, l->inside[solid] == SHEET ? -1 : l->room[solid]);
 }

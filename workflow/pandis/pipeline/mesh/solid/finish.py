@@ -6,7 +6,7 @@ import igl
 import numpy as np
 from scipy.sparse import coo_array
 
-from pandis.engine.solid import NO_ROOM, ON_CAP, ON_DOOR, ON_SHEET, meetings, simplified
+from pandis.engine.solid import FINENESS, NO_ROOM, ON_CAP, ON_DOOR, ON_SHEET, meetings, simplified
 from pandis.pipeline.mesh.diagnosis import FLAT, altitudes, crossing_faces
 from pandis.pipeline.mesh.topology import compact
 from pandis.pipeline.mesh.winding import WindingNumber
@@ -169,6 +169,7 @@ def _sound(boundary, target):
         return target
     for turn in range(_ROUNDS):
         places = boundary.places + share[:, None] * (target - boundary.places)
+        places = np.round(places * FINENESS) / FINENESS
         around = _near(places, faces[question].reshape(-1))[faces].any(axis=1)
         bad = meetings(places, faces[around], question[around])
         back = np.zeros(len(places), bool)

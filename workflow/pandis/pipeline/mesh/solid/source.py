@@ -5,6 +5,7 @@ from typing import NamedTuple
 import numpy as np
 
 from pandis.base.errors import PandisError
+from pandis.engine.solid import FINENESS
 from pandis.pipeline.mesh.topology import EdgeTable, repeats_a_vertex
 
 #: Vertices in one cell of this share of the diagonal become one.
@@ -12,6 +13,8 @@ _WELD = 1e-6
 #: Cells around the mesh. The lattice is shifted, so that its nodes lie on no plane of a part drawn
 #: in round numbers.
 MARGIN, _SHIFT = 4, np.array([0.0137, 0.0271, 0.0193])
+#: Values of a cell's leading digits.
+_DIGITS = 1024
 
 
 class Frame(NamedTuple):
@@ -91,9 +94,12 @@ def _welded(vertices, faces):
 
 def _frame(vertices, cells):
     low, high = vertices.min(axis=0), vertices.max(axis=0)
-    cell = float((high - low).max()) / (cells - 2 * MARGIN)
+    # a cell and an origin of few digits: then placing a vertex takes no rounding
+    share, power = np.frexp(float((high - low).max()) / (cells - 2 * MARGIN))
+    cell = float(np.ldexp(np.ceil(share * _DIGITS) / _DIGITS, power))
     size = np.ceil((high - low) / cell).astype(np.int64) + 2 * MARGIN + 1
-    return Frame(low - ((size - (high - low) / cell) / 2 - _SHIFT) * cell, cell, size)
+    origin = low / cell - ((size - (high - low) / cell) / 2 - _SHIFT)
+    return Frame(np.round(origin * FINENESS) / FINENESS * cell, cell, size)
 
 
 def _open_edges(faces):
