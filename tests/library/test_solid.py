@@ -240,6 +240,26 @@ def test_a_component_within_another_is_buried_and_said_to_be():
     assert (len(solid.faces) < 100, solid.facts.kinds) == (True, {"solid": 1})
 
 
+def test_back_to_back_faces_are_a_wall_and_not_a_solid():
+    box = open_box()
+    cup = trimesh.Trimesh(box.vertices, np.concatenate([box.faces, box.faces[:, ::-1]]),
+                          process=False)  # fmt: skip
+    solid = solid_of(cup)
+    assert (inside(solid, (0, 0, 0)), solid.facts.kinds) == ([False], {"sheet": 1})
+
+
+def test_a_curved_sheet_has_nothing_beside_it():
+    """The fan over its rim runs close to it: what lies between them is no solid."""
+    x, y = np.meshgrid(np.linspace(-1, 1, 33), np.linspace(-1, 1, 33), indexing="ij")
+    vertices = np.stack([x, y, 0.3 * x * y], axis=-1).reshape(-1, 3)
+    a = np.arange(33 * 32).reshape(32, 33)[:, :-1].reshape(-1)
+    faces = np.concatenate([np.stack([a, a + 33, a + 34], 1), np.stack([a, a + 34, a + 1], 1)])
+    solid = solid_of((vertices, faces))
+    height = np.abs(solid.vertices[:, 2] - 0.3 * solid.vertices[:, 0] * solid.vertices[:, 1])
+    assert height.max() < 0.6 * solid.facts.cell
+    assert solid.facts.kinds == {"sheet": 1}
+
+
 def test_crossing_parts_become_one_surface():
     boxes = [trimesh.creation.box((1, 1, 1)), trimesh.creation.box((0.5, 0.5, 2))]
     solid = solid_of(joined(*boxes))

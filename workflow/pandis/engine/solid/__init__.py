@@ -26,8 +26,9 @@ class Walls(NamedTuple):
     ----------
     rooms : ndarray, shape (n, 2), int32
         Rooms of the edge's ends.
+    triangle : ndarray, shape (n,), int32
     cap : ndarray, shape (n,), bool
-        Whether a cap, not the source, makes the cut.
+        Whether that is a cap and not of the source.
     single : ndarray, shape (n,), bool
         Whether it is the only cut of its edge.
     faces : ndarray, shape (n,), int8
@@ -35,6 +36,7 @@ class Walls(NamedTuple):
     """
 
     rooms: np.ndarray
+    triangle: np.ndarray
     cap: np.ndarray
     single: np.ndarray
     faces: np.ndarray
@@ -87,7 +89,7 @@ def library():
     lib = load(Path(__file__).with_name("solid.c"))
     pointer, i32, i64, f32 = ctypes.c_void_p, ctypes.c_int32, ctypes.c_int64, ctypes.c_float
     lib.solid_new.restype = pointer
-    lib.solid_new.argtypes = [pointer, pointer, i64, i64, pointer]
+    lib.solid_new.argtypes = [pointer, pointer, i64, i64, i64, pointer]
     lib.solid_free.argtypes = [pointer]
     lib.solid_rooms.argtypes = [pointer, i32, f32, f32]
     lib.solid_fill.argtypes = [pointer, pointer, f32]
@@ -189,6 +191,8 @@ class Lattice:
         Bit k is set if a door can stand at the edge from corner k to k + 1: it is open.
     caps : int
         Number of triangles, the last ones, that only block.
+    strips : int
+        Number of caps, the last ones, that continue faces a little beyond their open edges.
     size : ndarray, shape (3,)
         Nodes along each axis.
 
@@ -198,16 +202,17 @@ class Lattice:
         There is not enough memory. Every method can raise this.
     """
 
-    def __init__(self, corners, open_edges, *, caps, size):
+    def __init__(self, corners, open_edges, *, caps, strips, size):
         self._corners = np.ascontiguousarray(corners, np.float64)
         self._open = np.ascontiguousarray(open_edges, np.uint8)
         self.size = np.ascontiguousarray(size, np.int32)
-        self._library, self._lattice = library(), None
+        self._library, self._lattice, self._caps = library(), None, caps
         self._lattice = self._library.solid_new(
             self._corners.ctypes.data,
             self._open.ctypes.data,
             len(self._corners),
             caps,
+            strips,
             self.size.ctypes.data,
         )
         self._check(self._lattice)
@@ -254,11 +259,12 @@ class Lattice:
     def walls(self):
         """Return the `Walls` between and in the rooms."""
         count = self._counts()[1]
-        rooms, cap = np.empty((count, 2), np.int32), np.empty(count, np.bool_)
+        rooms, triangle = np.empty((count, 2), np.int32), np.empty(count, np.int32)
         single, faces = np.empty(count, np.bool_), np.empty(count, np.int8)
-        columns = [array.ctypes.data for array in (rooms, cap, single, faces)]
+        columns = [array.ctypes.data for array in (rooms, triangle, single, faces)]
         self._library.solid_walls(self._lattice, *columns)
-        return Walls(rooms, cap, single, faces)
+        cap = triangle >= len(self._corners) - self._caps
+        return Walls(rooms, triangle, cap, single, faces)
 
     def doors(self):
         """Return the edges through shut doors: the rooms at their ends, and how wide it is there.

@@ -80,10 +80,10 @@ static int cut_edges(Lattice *l) {
             if (!cut_along(l, t, axis)) return 0;
     qsort(l->cuts, (size_t)l->cut_count, sizeof *l->cuts, in_order);
     int64_t count = 0;
-    for (int64_t i = 0; i < l->cut_count; i++) { /* where the source cuts, caps have no say */
+    for (int64_t i = 0; i < l->cut_count; i++) { /* where the source cuts, strips have no say */
         const Cut *c = l->cuts + i;
         int source = l->blocked[c->edge / 3] >> c->edge % 3 & 1;
-        if (!source || c->triangle < l->triangles - l->caps) l->cuts[count++] = *c;
+        if (!source || c->triangle < l->triangles - l->strips) l->cuts[count++] = *c;
     }
     l->cut_count = count;
     return 1;

@@ -34,6 +34,7 @@ typedef struct {
     const double *corners;   /* (triangles, 3, 3) */
     const uint8_t *open;     /* per triangle: bit k if the edge from corner k to k + 1 is open */
     int64_t triangles, caps; /* the caps come last: they block, and are no surface */
+    int64_t strips;          /* the last caps, which continue faces a little beyond open edges */
 
     uint8_t *blocked; /* per node: bits 0 to 2 if a triangle cuts the edge along x, y, z */
     Cut *cuts;        /* in order */

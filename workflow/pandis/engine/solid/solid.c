@@ -48,15 +48,17 @@ void solid_free(Lattice *l) {
 }
 
 /* A lattice with the cuts of triangles, corners (triangles, 3, 3) in cells, at least two cells from
- * its border. The last `caps` triangles only block. The arrays must outlive it. */
+ * its border. The last `caps` triangles only block, of
+ * which the last `strips` continue faces beyond open edges. The arrays must outlive it. */
 Lattice *solid_new(const double *corners, const uint8_t *open, int64_t triangles, int64_t caps,
-    const int32_t *size) {
+    int64_t strips, const int32_t *size) {
     Lattice *l = calloc(1, sizeof *l);
     if (!l) return NULL;
     memcpy(l->size, size, sizeof l->size);
     l->step[0] = 1, l->step[1] = size[0], l->step[2] = (int64_t)size[0] * size[1];
     l->nodes = l->step[2] * size[2];
     l->corners = corners, l->open = open, l->triangles = triangles, l->caps = caps;
+    l->strips = strips;
     l->blocked = calloc((size_t)l->nodes, 1);
     if (l->blocked && cut_edges(l)) return l;
     solid_free(l);
@@ -89,16 +91,17 @@ void solid_room_facts(const Lattice *l, float *radius, int32_t *middle) {
     }
 }
 
-/* Per cut: the rooms at both ends of its edge; whether a cap makes it; whether it is the only one
- * of its edge; 1 if the triangle faces the second end, -1 if the first. */
-void solid_walls(const Lattice *l, int32_t *rooms, uint8_t *cap, uint8_t *single, int8_t *faces) {
+/* Per cut: the rooms at both ends of its edge; the triangle; whether it is the only one of its
+ * edge; 1 if the triangle faces the second end, -1 if the first. */
+void solid_walls(
+    const Lattice *l, int32_t *rooms, int32_t *triangle, uint8_t *single, int8_t *faces) {
     const double apart = 1e-4; /* cuts nearer than this are neighbours' on a common edge */
     for (int64_t i = 0; i < l->cut_count; i++) {
         const Cut *c = l->cuts + i, *before = c - 1, *after = c + 1;
         int64_t node = c->edge / 3, axis = c->edge % 3;
         double n[3];
         rooms[2 * i] = l->room[node], rooms[2 * i + 1] = l->room[node + l->step[axis]];
-        cap[i] = c->triangle >= l->triangles - l->caps;
+        triangle[i] = c->triangle;
         normal_of(l, c->triangle, n);
         faces[i] = n[axis] > 0 ? 1 : -1;
         single[i] = !(i && before->edge == c->edge && c->at - before->at > apart) &&

@@ -44,18 +44,19 @@ static int add_edge_vertex(
     int64_t next = node + l->step[axis], solid = l->inside[node] ? node : next;
     double along = 0.5, place[3] = {at[0], at[1], at[2]};
     int origin = ON_DOOR, triangle = -1;
-    if (is_blocked(l, node, axis)) {
+    int in_sheet = l->inside[solid] == SHEET, surface = l->blocked[node] >> axis & 1;
+    if (surface || (is_blocked(l, node, axis) && !in_sheet)) {
         const Cut *cut = outermost_cut(l, node, axis);
         along = cut->at, triangle = cut->triangle;
         origin = triangle >= l->triangles - l->caps ? ON_CAP : ON_SURFACE;
-    } else if (l->inside[solid] == SHEET) {
+    } else if (in_sheet) {
         double p = node_distance(l, node) - half, q = node_distance(l, next) - half;
         along = fabs(p - q) > 1e-9 ? p / (p - q) : 0.5;
         origin = ON_SHEET;
     }
     place[axis] += rounded(fmin(fmax(along, FROM_NODE), 1 - FROM_NODE));
     *index = (int32_t)l->vertex_count;
-    return add_vertex(l, place, origin, triangle, l->inside[solid] == SHEET ? -1 : l->room[solid]);
+    return add_vertex(l, place, origin, triangle, in_sheet ? -1 : l->room[solid]);
 }
 
 /* Add the vertices on the edges that begin in one layer of nodes. */

@@ -132,11 +132,13 @@ def make_solid(vertices, faces, rules=None, *, log=print):
     size = " x ".join(map(str, frame.size.tolist()))
     megabytes = int(np.prod(frame.size, dtype=np.int64)) * _BYTES // 10**6
     log(f"solid: {size} nodes of {frame.cell:.4g} mesh units; at most {megabytes:,} MB")
-    caps, widths, ajar = _caps(source, rules.widest_cap * source.diagonal)
-    corners = np.concatenate([source.vertices[source.faces], caps])
+    closing, others, widths, ajar = _caps(source, rules.widest_cap * source.diagonal)
+    strips = np.concatenate([others, _strips(source, ajar)])
+    corners = np.concatenate([source.vertices[source.faces], closing, strips])
+    caps = len(closing) + len(strips)
     bits = np.zeros(len(corners), np.uint8)
     bits[: len(source.faces)] = ajar @ np.array([1, 2, 4])
-    lattice = Lattice(frame.to_cells(corners), bits, caps=len(caps), size=frame.size)
+    lattice = Lattice(frame.to_cells(corners), bits, caps=caps, strips=len(strips), size=frame.size)
     widest = max(rules.widest_door * source.diagonal / frame.cell / 2, 2.0)
     _, middles = lattice.find_rooms(widest, _DOOR)
     rooms = solid_rooms(
@@ -154,13 +156,12 @@ def _caps(source, widest):
 
     Returns
     -------
-    fans : ndarray, shape (n, 3, 3)
-        And strips along the edges ajar.
+    closing, others : ndarray, shape (n, 3, 3)
+        Fans that close their rims, and fans that lie on the source, as over the rim of a panel.
     widths : list of float
         Widths of the rims.
     ajar : ndarray, shape (F, 3), bool
-        Open edges that no fan closes: those of rims too wide, and of rims whose fan lies on the
-        source, as the rim of a panel does.
+        Open edges that no fan closes.
     """
     vertices, open_edges = source.vertices, source.open_edges
     directed = source.faces[:, [[0, 1], [1, 2], [2, 0]]]
@@ -177,10 +178,16 @@ def _caps(source, widest):
         fan = [rim, np.roll(rim, -1, axis=0), np.broadcast_to(middle, rim.shape)]
         fans.append(np.stack(fan, axis=1))
         closed[loop] |= closes
-    fans = [fan for fan, fits in zip(fans, narrow, strict=True) if fits]
+    none = np.empty((0, 3, 3))
+    others = [fan for fan, which in zip(fans, narrow & ~closing, strict=True) if which]
+    fans = [fan for fan, which in zip(fans, closing, strict=True) if which]
     ajar = open_edges & ~closed[directed.reshape(-1, 3, 2)].all(axis=2)
-    fans.append(_strips(source, ajar))
-    return np.concatenate(fans), widths[closing].tolist(), ajar
+    return (
+        np.concatenate([none, *fans]),
+        np.concatenate([none, *others]),
+        widths[closing].tolist(),
+        ajar,
+    )
 
 
 def _strips(source, ajar):

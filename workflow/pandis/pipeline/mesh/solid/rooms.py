@@ -63,13 +63,15 @@ def solid_rooms(lattice, middles, source, *, share, keep_cavities):
     solid = np.arange(count) > 0
     if count == 1:
         return Rooms(solid, 0, 0, np.zeros(count, bool), [])
-    winding = np.abs(WindingNumber(source.vertices, source.faces)(middles))
+    winding, single = np.zeros(count), source.faces[~source.doubled]
+    if len(single):  # the two orientations of a face cancel
+        winding = np.abs(WindingNumber(source.vertices, single)(middles))
     walls = lattice.walls()
     between = walls.rooms[:, 0] != walls.rooms[:, 1]
-    inward = _share_inward(walls, between & ~walls.cap, count)
+    real = between & ~walls.cap
+    inward = _share_inward(walls, real, source.doubled[walls.triangle[real]], count=count)
     outside = np.arange(count) == 0
-    one, other = _both_ways(walls.rooms[between & ~walls.cap])
-    real = np.bincount(one, minlength=count)
+    real = np.bincount(walls.rooms[real].reshape(-1), minlength=count)
     doors, distance = lattice.doors()
     invented = _both_ways(np.concatenate([walls.rooms[between & walls.cap], doors]))
     while True:
@@ -109,12 +111,15 @@ def _both_ways(pairs):
     return np.concatenate([pairs[:, 0], pairs[:, 1]]), np.concatenate([pairs[:, 1], pairs[:, 0]])
 
 
-def _share_inward(walls, which, count):
-    """Return the share of each room's walls, among the mask, whose normals point into it."""
+def _share_inward(walls, which, doubled, *, count):
+    """Return the share of each room's walls, among the mask, that face into it.
+
+    Doubled ones face both ways.
+    """
     rooms, faces = walls.rooms[which], walls.faces[which]
-    inward = np.bincount(rooms[:, 1], faces > 0, count) + np.bincount(rooms[:, 0], faces < 0, count)
-    total = np.bincount(rooms[:, 0], minlength=count) + np.bincount(rooms[:, 1], minlength=count)
-    return inward / np.maximum(total, 1)
+    inward = np.bincount(rooms[:, 1], (faces > 0) | doubled, count)
+    inward += np.bincount(rooms[:, 0], (faces < 0) | doubled, count)
+    return inward / np.maximum(np.bincount(rooms.reshape(-1), minlength=count), 1)
 
 
 def _behind_walls(walls, between, count, *, closed):

@@ -6,7 +6,7 @@ import numpy as np
 
 from pandis.base.errors import PandisError
 from pandis.engine.solid import FINENESS
-from pandis.pipeline.mesh.topology import EdgeTable, repeats_a_vertex
+from pandis.pipeline.mesh.topology import EdgeTable, repeats_a_vertex, rotate_to_smallest
 
 #: Vertices in one cell of this share of the diagonal become one.
 _WELD = 1e-6
@@ -43,12 +43,15 @@ class Source(NamedTuple):
         No two have the same vertices.
     open_edges : ndarray, shape (F, 3), bool
         Edges from corner k to k + 1 that have one face.
+    doubled : ndarray, shape (F,), bool
+        Faces that the mesh has in both orientations: walls seen from both sides.
     frame : Frame
     """
 
     vertices: np.ndarray
     faces: np.ndarray
     open_edges: np.ndarray
+    doubled: np.ndarray
     frame: Frame
 
     @property
@@ -70,12 +73,19 @@ def source_of(vertices, faces, cells):
     PandisError
         No face has an area.
     """
-    vertices, faces = _welded(vertices, faces)
-    return Source(vertices, faces, _open_edges(faces), _frame(vertices, cells))
+    vertices, faces, doubled = _welded(vertices, faces)
+    return Source(vertices, faces, _open_edges(faces), doubled, _frame(vertices, cells))
 
 
 def _welded(vertices, faces):
-    """Merge vertices in one place, and drop degenerate and repeated faces."""
+    """Merge vertices in one place, and drop degenerate and repeated faces.
+
+    Returns
+    -------
+    vertices, faces : ndarray
+    doubled : ndarray
+        Faces that were there in both orientations.
+    """
     used, index = np.unique(faces, return_inverse=True)
     vertices, faces = vertices[used], index.reshape(-1, 3)
     extent = np.ptp(vertices, axis=0)
@@ -86,10 +96,17 @@ def _welded(vertices, faces):
     _, first, index = np.unique(key, return_index=True, return_inverse=True)
     vertices, faces = vertices[first], index.reshape(-1)[faces]
     faces = faces[~repeats_a_vertex(faces)]
-    _, first = np.unique(np.sort(faces, axis=1), axis=0, return_index=True)
-    if not len(first):
+    if not len(faces):
         raise PandisError("no face has an area")
-    return vertices, faces[np.sort(first)]
+    turned = rotate_to_smallest(faces)
+    _, first, index = np.unique(
+        np.sort(faces, axis=1), axis=0, return_index=True, return_inverse=True
+    )
+    way = turned[:, 1] < turned[:, 2]
+    both = np.zeros((len(first), 2), bool)
+    both[index.reshape(-1), way.astype(int)] = True
+    order = np.argsort(first)
+    return vertices, faces[first[order]], both.all(axis=1)[order]
 
 
 def _frame(vertices, cells):
