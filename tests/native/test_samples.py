@@ -70,3 +70,21 @@ def test_the_command_writes_a_file(tmp_path, capsys):
     assert main(["sample", "torus", str(path), "3"]) == 3
     assert "2 finite sizes above zero" in capsys.readouterr().err
     assert path.stat().st_size < 1000
+
+
+def test_commands_replace_a_file_only_with_force(tmp_path, capsys):
+    path = tmp_path / "kept.pandis"
+    assert main(["sample", "sphere", str(path)]) == 0
+    before = path.read_bytes()
+    assert main(["sample", "box", str(path)]) == 3
+    assert "kept.pandis exists; --force" in capsys.readouterr().err
+    for ending, command in ((".vdb", ["volume", str(path)]), (".html", ["view", str(path)])):
+        output = tmp_path / f"kept{ending}"
+        output.write_text("mine")
+        words = ["--output", str(output)] if command[0] == "view" else [str(output)]
+        assert main([*command, *words]) == 3
+        assert output.read_text() == "mine"
+    assert path.read_bytes() == before
+    assert main(["sample", "box", str(path), "--force"]) == 0
+    assert path.read_bytes() != before
+    assert main(["view", str(path), "--output", str(tmp_path / "part.stl")]) == 3
