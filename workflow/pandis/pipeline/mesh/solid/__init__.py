@@ -25,8 +25,9 @@ _CELLS_PER_ERROR = 0.5
 _DOOR = 0.6
 #: Half thickness of sheets of nodes, cells: less leaves holes, more joins neighbours.
 _HALF = 0.875
-#: A fan closes a rim if its middle is farther from the source than this share of the rim's width.
-_OFF = 0.1
+#: A fan closes a rim if most of its triangles are farther from the source than this share of the
+#: rim's width.
+_OFF = 0.02
 #: Width of the strips along open edges, cells: cracks of twice this width are closed.
 _STRIP = 0.25
 #: Bytes per node at most, for the price.
@@ -166,18 +167,14 @@ def _caps(source, widest):
     vertices, open_edges = source.vertices, source.open_edges
     directed = source.faces[:, [[0, 1], [1, 2], [2, 0]]]
     loops = rims(directed[open_edges], len(vertices))
-    middles = np.array([vertices[loop].mean(axis=0) for loop in loops]).reshape(-1, 3)
     widths = np.array([np.linalg.norm(np.ptp(vertices[loop], axis=0)) for loop in loops])
     narrow = widths <= widest
-    closing = narrow.copy()
-    if narrow.any():
-        closing &= Surface(vertices, source.faces).distance(middles) > _OFF * widths
-    fans, closed = [], np.zeros(len(vertices), bool)
-    for loop, middle, closes in zip(loops, middles, closing, strict=True):
-        rim = vertices[loop]
-        fan = [rim, np.roll(rim, -1, axis=0), np.broadcast_to(middle, rim.shape)]
-        fans.append(np.stack(fan, axis=1))
-        closed[loop] |= closes
+    fans, surface = [_fan(vertices[loop]) for loop in loops], Surface(vertices, source.faces)
+    closing, closed = np.zeros(len(loops), bool), np.zeros(len(vertices), bool)
+    for k in np.flatnonzero(narrow):
+        off = surface.distance(fans[k].mean(axis=1)) > _OFF * widths[k]
+        closing[k] = off.mean() > 0.5
+        closed[loops[k]] |= closing[k]
     none = np.empty((0, 3, 3))
     others = [fan for fan, which in zip(fans, narrow & ~closing, strict=True) if which]
     fans = [fan for fan, which in zip(fans, closing, strict=True) if which]
@@ -188,6 +185,12 @@ def _caps(source, widest):
         widths[closing].tolist(),
         ajar,
     )
+
+
+def _fan(rim):
+    """Return the triangles (n, 3, 3) from a rim (n, 3) to its middle."""
+    middle = np.broadcast_to(rim.mean(axis=0), rim.shape)
+    return np.stack([rim, np.roll(rim, -1, axis=0), middle], axis=1)
 
 
 def _strips(source, ajar):
