@@ -432,7 +432,7 @@ def solid_table():
             row["crossings"], row["hidden"],
             f"{row['lost']} of {row['components']}",
             f"{float(row['p99_median']):.2f}", *share,
-            f"{float(row['iou_median']):.3f}, {float(row['iou_least']):.3f}",
+            f"{float(row['iou_median']):.4f}, {float(row['iou_least']):.3f}",
             f"{int(row['faces_median']):,}",
             f"{float(row['cpu_median']):.1f}, {float(row['cpu_p95']):.1f}",
         ]))  # fmt: skip
