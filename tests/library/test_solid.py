@@ -181,6 +181,7 @@ def test_a_room_with_too_large_a_share_of_invented_walls_stays_a_shell():
     solid = solid_of(open_box(), share=0.1)
     assert inside(solid, (0, 0, 0)) == [False]
     assert (solid.facts.opened, solid.facts.kinds) == (1, {"sheet": 1})
+    assert (solid.facts.caps, solid.facts.invented) == ([], 0)  # the hole stays open
     wall = solid.facts.thickness
     assert diagnose(solid.vertices, solid.faces).volume == pytest.approx(5 * wall, rel=0.35)
 
@@ -273,6 +274,8 @@ def test_a_sheet_gets_a_thickness_there_alone():
     assert solid.facts.thickness == pytest.approx(thickness)
     assert np.abs(solid.vertices[:, 2]).max() == pytest.approx(thickness / 2, rel=0.05)
     assert solid.facts.kinds == {"sheet": 1}
+    assert diagnose(solid.vertices, solid.faces).volume == pytest.approx(thickness, rel=0.1)
+    assert np.ptp(solid.vertices[:, 0]) == pytest.approx(1, abs=0.02)
     ball = trimesh.creation.icosphere(subdivisions=3).apply_translation((3, 0, 0))
     both = solid_of(joined(plate, ball))
     assert both.facts.kinds == {"closed": 1, "sheet": 1}
@@ -282,6 +285,45 @@ def test_a_closed_solid_thinner_than_a_cell_is_as_thick_as_it_is():
     plate = trimesh.creation.box((1, 1, 0.4 / CELLS))
     solid = solid_of(plate)
     assert np.ptp(solid.vertices[:, 2]) == pytest.approx(0.4 / CELLS, rel=0.1)
+    assert diagnose(solid.vertices, solid.faces).volume == pytest.approx(0.4 / CELLS, rel=0.1)
+
+
+def test_the_outline_of_a_thin_disc_stays():
+    """Its rim has little area: an error that area weights would let it go."""
+    disc = trimesh.creation.cylinder(0.5, 1.0 / CELLS, sections=64)
+    solid = solid_of(disc)
+    radius = np.hypot(solid.vertices[:, 0], solid.vertices[:, 1])
+    rim = np.linalg.norm(solid.vertices[solid.faces].mean(axis=1)[:, :2], axis=1)
+    assert radius.max() == pytest.approx(0.5, abs=0.1 * solid.facts.cell)
+    assert diagnose(solid.vertices, solid.faces).volume == pytest.approx(disc.volume, rel=0.03)
+    assert rim.max() > 0.48
+
+
+def test_a_face_through_a_node_of_the_lattice_does_not_leak():
+    """Rounding puts the node on different sides of the face along different axes."""
+    whole = np.array(trimesh.creation.box((1, 1, 1)).apply_translation((0.5, 0.5, 0.5)).vertices)
+    frame = source_of(whole, np.array(trimesh.creation.box((1, 1, 1)).faces), CELLS).frame
+    for k in (20, 25, 31):
+        a = 1 - (k * frame.cell + frame.origin[2] - frame.origin[0])
+        outline = np.array([(0, 0), (1, 0), (1, 1), (a, 1), (0, 1 - a)])
+        ring = [np.column_stack([outline[:, 0], np.full(5, y), outline[:, 1]]) for y in (0, 1)]
+        sides = [(i, (i + 1) % 5) for i in range(5)]
+        faces = [[i, j, j + 5] for i, j in sides] + [[i, j + 5, i + 5] for i, j in sides]
+        faces += [[0, i + 1, i] for i in range(1, 4)] + [[5, 5 + i, 6 + i] for i in range(1, 4)]
+        solid = solid_of((np.concatenate(ring), faces))
+        assert inside(solid, (0.6, 0.5, 0.3)) == [True]
+
+
+def test_a_mesh_too_far_away_and_one_of_extreme_size():
+    box = trimesh.creation.box((3, 3, 3))
+    with pytest.raises(pandis.PandisError, match="too far from the origin"):
+        solid_of((box.vertices + 5.7e14, box.faces))
+    opened = open_box()
+    for scale in (1e-100, 1e100):
+        with np.errstate(over="ignore"):
+            vertices, faces = opened.vertices * scale, np.array(opened.faces)
+            solid = make_solid(vertices, faces, SolidRules(cells=64), log=lambda text: None)
+        assert len(solid.faces) < 2000
 
 
 def test_two_sheets_in_one_cell_are_still_one_sound_surface():
@@ -400,7 +442,7 @@ def test_a_refusal_recommends_a_solid_that_works():
     closed = quiet(box, small_hole=0.1, **refused.value.option)
     assert (closed.rungs[-1], closed.record.solid) == ("fill", None)  # exact, so it comes first
     mesh = quiet(box, small_hole=0.1, solid_share=0.1, **refused.value.option)
-    assert mesh.rungs[-1] == "solid"
+    assert mesh.rungs == ["solid"]  # it is made of the mesh as read
     assert mesh.record.solid.why.startswith("caps are 17 % of the surface")
     assert (mesh.record.solid.opened, mesh.record.solid.kinds) == (1, {"sheet": 1})
     assert mesh.record.after["valid"]
@@ -440,7 +482,9 @@ def test_the_fineness_follows_the_error_that_is_asked_for():
     assert cells("512 cells") == 512
     assert cells("0.05") == cells("0.05 mm", unit="mm") == cells("0.005 cm", unit="mm") == 108
     assert cells("0.5 %") == 98  # of the diagonal
-    for error, why in (("0.05 mm", "the unit of the mesh is unknown"), ("5000 cells", "64 to 1024"),
-                       ("0.0001", "takes 50,008 cells")):  # fmt: skip
+    assert cells("5 %") == 64  # as coarse as there is
+    faults = {"0.05 mm": "the unit of the mesh is unknown", "5000 cells": "1024 are possible",
+              "0.0001": "takes 50,008 cells"}  # fmt: skip
+    for error, why in faults.items():
         with pytest.raises(pandis.PandisError, match=why):
             cells(error)

@@ -48,6 +48,7 @@ def add_options(name, parser):
         parser.set_defaults(run=_volume)
     elif name == "csharp":
         parser.add_argument("folder", metavar="FOLDER", help="for Unity: Assets/Plugins")
+        _add_force(parser)
         parser.set_defaults(run=_csharp)
     elif name == "view":
         parser.add_argument("files", nargs="+", metavar="FILE", help="a .pandis file")
@@ -145,9 +146,15 @@ def _volume(words):
 
 def _csharp(words):
     """Write the C# binding and print the paths of its files."""
-    from pandis.bridges.csharp import write_csharp
+    from pandis.bridges.csharp import FILES, write_csharp
 
-    return _done(lambda: print(*write_csharp(words.folder), sep="\n"))
+    def write():
+        for name in FILES:
+            if (Path(words.folder) / name).exists():
+                check_output(Path(words.folder) / name, force=words.force)
+        print(*write_csharp(words.folder), sep="\n")
+
+    return _done(write)
 
 
 def _include(words):

@@ -70,7 +70,7 @@ def _write(words):
         _written_for(words, meshes),
         f"results: results/{folder}",
         f"fields: {json.dumps(words.fields.split(','))}",
-        f"device: {{size: {size}, stiffness: {words.stiffness:g}}}",
+        f"device: {{size: {size}, stiffness: {words.stiffness!r}}}",
         "meshes:",
         *(f"  {name}: {{source: {json.dumps(text)}}}" for name, text in meshes.items()),
     ]
@@ -78,7 +78,7 @@ def _write(words):
     if words.force or not path.exists():
         write_new(path, text.encode(), force=True)
         return path
-    there = path.read_text(encoding="utf-8")
+    there = path.read_text(encoding="utf-8", errors="replace")
     if not there.startswith(lines[0] + "\n"):
         raise PandisError(
             f"{path} was written for other meshes or options than these: name another file with "

@@ -9,6 +9,8 @@ from pandis.engine.compiler import FLAGS, build, find_compiler
 
 _HERE = Path(__file__).parent
 SOURCE = _HERE / "pandis.c"
+#: Names of the files that `write_csharp` writes.
+FILES = ("Pandis.cs", "libpandis.so")
 
 
 def write_csharp(folder: str | PathLike[str]) -> list[Path]:
@@ -37,7 +39,7 @@ def write_csharp(folder: str | PathLike[str]) -> list[Path]:
         raise PandisError("no C compiler found: install gcc, or set the environment variable CC")
     library = build([compiler, *FLAGS, "-s"], SOURCE, ["-lm"], name="csharp.so")
     folder = Path(folder)
-    written = [folder / "Pandis.cs", folder / "libpandis.so"]
+    written = [folder / name for name in FILES]
     for path, source in zip(written, (_HERE / "Pandis.cs", library), strict=True):
         write_atomically(path, source.read_bytes())
     return written

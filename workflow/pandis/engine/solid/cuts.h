@@ -61,7 +61,15 @@ static int cut_along(Lattice *l, int64_t triangle, int axis) {
             double below = floor(depth);
             if (below < 0 || below >= l->size[axis] - 1) continue;
             int64_t node = (int64_t)below * l->step[axis] + i * l->step[u] + j * l->step[v];
-            if (!add_cut(l, node, axis, depth - below, triangle)) return 0;
+            double at = depth - below;
+            if (!add_cut(l, node, axis, at, triangle)) return 0;
+            /* rounding could see a face through a node on its one side along one axis and on the
+             * other along the next: it cuts the edges on both sides of the node */
+            if (at < MARGIN && below > 0 && !add_cut(l, node - l->step[axis], axis, 1, triangle))
+                return 0;
+            if (at > 1 - MARGIN && below < l->size[axis] - 2 &&
+                !add_cut(l, node + l->step[axis], axis, 0, triangle))
+                return 0;
         }
     }
     return 1;

@@ -5,8 +5,9 @@
  * source. The caller finds faces that cross, and locks the vertices around them. */
 
 #define MOST_NEIGHBOURS 64
-#define TURN 0.2        /* cosine of the angle by which a face may turn in one step */
-#define NARROW 1e-4     /* least altitude of a new face, as a share of its longest edge */
+#define MOST_OFF 2  /* a merge moves the surface by at most this many times the mean tolerance */
+#define TURN 0.2    /* cosine of the angle by which a face may turn in one step */
+#define NARROW 1e-4 /* least altitude of a new face, as a share of its longest edge */
 #define FLAT_ERROR 1e-8 /* square cells */
 #define FLAT_ROUNDS 2
 #define SHORT_FIRST 1e-5 /* of equal errors, the shorter edge: weight of its squared length */
@@ -25,8 +26,8 @@ typedef struct {
     Quadric *quadrics;
     const uint8_t *locked;
     Queue queue;
-    double bound; /* squared */
-    int queued;   /* whether vertices wait in the queue */
+    double bound, most; /* squared: of the mean over planes, now and at most */
+    int queued;         /* whether vertices wait in the queue */
 } Mesh;
 
 static int32_t after(int32_t h) { return h % 3 == 2 ? h - 2 : h + 1; }
@@ -142,6 +143,17 @@ static int stays_sound(const Mesh *m, int32_t h, const double *place) {
     return dot(old, new) >= TURN * length(old) * size && size >= NARROW * longest;
 }
 
+/* Whether a place lies near the plane of a face. The mean over all planes would let the narrow
+ * sides of thin parts go: their area is small. */
+static int stays_near(const Mesh *m, int32_t h, const double *place) {
+    const double *p = m->places + 3 * (int64_t)origin_of(m, h);
+    double n[3], way[3];
+    area_of(m->places, m->faces + h / 3, n);
+    for (int k = 0; k < 3; k++) way[k] = place[k] - p[k];
+    double height = dot(n, way);
+    return height * height <= MOST_OFF * MOST_OFF * m->most * dot(n, n);
+}
+
 /* Whether the origin of a half-edge can be merged into its end, given those that leave both. */
 static int can_merge(const Mesh *m, int32_t h, const int32_t *mine, int count) {
     int32_t theirs[MOST_NEIGHBOURS], other = m->opposite[h];
@@ -152,7 +164,8 @@ static int can_merge(const Mesh *m, int32_t h, const int32_t *mine, int count) {
     if (common != 2) return 0;
     const double *place = m->places + 3 * (int64_t)end_of(m, h);
     for (int i = 0; i < count; i++)
-        if (mine[i] / 3 != h / 3 && mine[i] / 3 != other / 3 && !stays_sound(m, mine[i], place))
+        if (mine[i] / 3 != h / 3 && mine[i] / 3 != other / 3 &&
+            (!stays_near(m, mine[i], place) || !stays_sound(m, mine[i], place)))
             return 0;
     return 1;
 }
@@ -227,7 +240,8 @@ int32_t solid_simplify(const double *places, int64_t vertices, int32_t *faces, i
         .face_count = count,
         .vertex_count = vertices,
         .locked = locked,
-        .bound = tolerance * tolerance};
+        .bound = tolerance * tolerance,
+        .most = tolerance * tolerance};
     m.opposite = malloc((size_t)(3 * count) * sizeof *m.opposite);
     m.out = malloc((size_t)vertices * sizeof *m.out);
     m.quadrics = calloc((size_t)vertices, sizeof *m.quadrics);

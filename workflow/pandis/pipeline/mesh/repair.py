@@ -20,7 +20,7 @@ solid    with ``solid: always``, in place of the last three: the surface around 
 import numpy as np
 
 from pandis.base.arrays import Faces, Vertices
-from pandis.base.errors import RepairError
+from pandis.base.errors import PandisError, RepairError
 from pandis.pipeline.mesh.deviation import Surface, provenance
 from pandis.pipeline.mesh.diagnosis import diagnose
 from pandis.pipeline.mesh.ladder import Ladder
@@ -102,16 +102,19 @@ def repair(vertices: Vertices, faces: Faces, options, *, seed, log=print):
 
 def _repaired(ladder, vertices, faces):
     """Climb, and make a solid if that fails and is wanted; return what was invented, or None."""
-    always = ladder.options.solid == "always"
+    always, start = ladder.options.solid == "always", ladder.state()
     if always:
         ladder.seconds_left = ladder.options.solid_after
     try:
         climb(ladder)
         if always:
             _demand_own_walls(ladder)
-    except RepairError as error:
+    except PandisError as error:
         if always:
+            ladder.go_back(start)
             return solidify(ladder, vertices, faces, why=str(error).partition(". ")[0])
+        if not isinstance(error, RepairError):
+            raise
         raise with_solid(error, vertices, faces, options=ladder.options) from None
     return None
 

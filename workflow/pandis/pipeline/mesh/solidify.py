@@ -41,7 +41,7 @@ def solidify(ladder, vertices, faces, *, why):
     entry = {"rung": "solid", "operation": "solid", "parameters": rules._asdict()}
     ladder.note(entry, None if now.valid else "not valid", now)
     if not now.valid:
-        raise RepairError(f"the solid is not valid: {now.faults()}. Try another mesh.solid_error")
+        raise RepairError(f"the solid is not valid: {now.faults()}. Please report this mesh")
     ladder.vertices, ladder.faces, ladder.now = solid.vertices, solid.faces, now
     ladder.source = ladder.reference = Surface(vertices, faces)
     result = Surface(solid.vertices, solid.faces)
@@ -86,12 +86,12 @@ def with_solid(error, vertices, faces, *, options):
         rules = rules_of(options, vertices)._replace(cells=_TRIAL)
         solid = make_solid(vertices, faces, rules, log=lambda text: None)
         valid = diagnose(solid.vertices, solid.faces).valid
-    except PandisError:
+    except (PandisError, ArithmeticError, MemoryError):
         valid = False
     if not valid:
         return error
     return RepairError(
-        f"{error}. Or set `mesh: {{solid: always}}` for this mesh: it becomes one closed surface "
+        f"{error}. Or set `mesh: {{solid: always}}` for this mesh: it can be one closed surface "
         f"with {100 * solid.facts.invented:.2g} % of its area invented and "
         f"{100 * solid.facts.sheets:.2g} % thickened (tried at {_TRIAL} cells)",
         solid="always",

@@ -30,8 +30,10 @@ _HALF = 0.875
 _OFF = 0.02
 #: Width of the strips along open edges, cells: cracks of twice this width are closed.
 _STRIP = 0.25
-#: Bytes per node at most, for the price.
-_BYTES = 16
+#: Coarsest rounding of coordinates, cells.
+_ROUGH = 1e-3
+#: Bytes per node of a closed and of an open source, and per cell of the box's sides, for the price.
+_NODE, _SURFACE = (8, 22), 400
 
 
 class SolidRules(NamedTuple):
@@ -52,7 +54,8 @@ class SolidRules(NamedTuple):
     debris : float
         Components below this share of the volume are dropped.
     tolerance : float
-        Largest distance by which simplification moves the surface, cells; 0: no simplification.
+        Largest distance of a neighbour from the planes of the faces around a vertex that merges
+        into it, cells; 0: no simplification.
     """
 
     cells: int = 256
@@ -92,13 +95,13 @@ def rules_of(options, vertices):
             )
         error = max(number * units[unit], 1e-300)
         number = np.ceil(float(extent.max()) / error * _CELLS_PER_ERROR) + 2 * MARGIN
-    if not FEWEST <= number <= MOST:
+    if number > MOST:
         raise PandisError(
             f"mesh.solid_error: {options.solid_error} takes {number:,.0f} cells along the longest "
-            f"side; {FEWEST} to {MOST} are possible"
+            f"side; {MOST} are possible"
         )
     return SolidRules(
-        cells=int(number),
+        cells=max(int(number), FEWEST),
         thickness=options.solid_thickness,
         widest_door=options.solid_door,
         widest_cap=options.solid_cap,
@@ -131,15 +134,22 @@ def make_solid(vertices, faces, rules=None, *, log=print):
     source = source_of(vertices, faces, rules.cells)
     frame = source.frame
     size = " x ".join(map(str, frame.size.tolist()))
-    megabytes = int(np.prod(frame.size, dtype=np.int64)) * _BYTES // 10**6
-    log(f"solid: {size} nodes of {frame.cell:.4g} mesh units; at most {megabytes:,} MB")
-    closing, others, widths, ajar = _caps(source, rules.widest_cap * source.diagonal)
+    nodes, sides = np.prod(frame.size.astype(float)), frame.size * np.roll(frame.size, 1)
+    needed = nodes * _NODE[not source.closed] + 2 * sides.sum() * _SURFACE
+    log(f"solid: {size} nodes of {frame.cell:.4g} mesh units; about {needed / 1e6:,.0f} MB")
+    closing, fan_of, widths, others, ajar = _caps(source, rules.widest_cap * source.diagonal)
     strips = np.concatenate([others, _strips(source, ajar)])
     corners = np.concatenate([source.vertices[source.faces], closing, strips])
     caps = len(closing) + len(strips)
     bits = np.zeros(len(corners), np.uint8)
     bits[: len(source.faces)] = ajar @ np.array([1, 2, 4])
-    lattice = Lattice(frame.to_cells(corners), bits, caps=caps, strips=len(strips), size=frame.size)
+    if np.spacing(np.abs(source.vertices).max()) > _ROUGH * frame.cell:
+        raise PandisError(
+            f"the mesh lies too far from the origin for its size: its coordinates are rounded to "
+            f"more than {_ROUGH:g} of a cell of {frame.cell:.4g}; move it to the origin"
+        )
+    corners = frame.to_cells(corners)
+    lattice = Lattice(corners, bits, caps=caps, strips=len(strips), size=frame.size)
     widest = max(rules.widest_door * source.diagonal / frame.cell / 2, 2.0)
     _, middles = lattice.find_rooms(widest, _DOOR)
     rooms = solid_rooms(
@@ -147,7 +157,9 @@ def make_solid(vertices, faces, rules=None, *, log=print):
         share=rules.share, keep_cavities=rules.keep_cavities,
     )  # fmt: skip
     boundary, parts = lattice.boundary(rooms.solid, _HALF)
-    solid = finish(boundary, source, rules, parts=parts, rooms=rooms, caps=widths)
+    fan = rooms.caps - len(source.faces)
+    shut = widths[np.unique(fan_of[fan[fan < len(fan_of)]])]
+    solid = finish(boundary, source, rules, parts=parts, rooms=rooms, caps=shut.tolist())
     log(f"solid: {len(boundary.faces):,} faces, {len(solid.faces):,} after simplification")
     return solid
 
@@ -157,10 +169,14 @@ def _caps(source, widest):
 
     Returns
     -------
-    closing, others : ndarray, shape (n, 3, 3)
-        Fans that close their rims, and fans that lie on the source, as over the rim of a panel.
-    widths : list of float
-        Widths of the rims.
+    closing : ndarray, shape (n, 3, 3)
+        Fans that close their rims.
+    fan_of : ndarray, shape (n,)
+        The fan of each of these triangles.
+    widths : ndarray
+        Widths of these fans' rims.
+    others : ndarray, shape (m, 3, 3)
+        Fans that lie on the source, as over the rim of a panel.
     ajar : ndarray, shape (F, 3), bool
         Open edges that no fan closes.
     """
@@ -181,8 +197,9 @@ def _caps(source, widest):
     ajar = open_edges & ~closed[directed.reshape(-1, 3, 2)].all(axis=2)
     return (
         np.concatenate([none, *fans]),
+        np.repeat(np.arange(len(fans)), [len(fan) for fan in fans]),
+        widths[closing],
         np.concatenate([none, *others]),
-        widths[closing].tolist(),
         ajar,
     )
 

@@ -75,7 +75,9 @@ def finish(boundary, source, rules, *, parts, rooms, caps):
         sheets=parts.sheets,
         thickness=rules.thickness * frame.cell,
         simplified=rules.tolerance,
-        **_components(boundary, parts, frame.cell**3, small=small, buried=rooms.buried),
+        **_components(
+            boundary, parts, np.float64(frame.cell) ** 3, small=small, buried=rooms.buried
+        ),
     )
     if small.any():
         boundary = boundary._replace(
@@ -197,7 +199,7 @@ def _without_crossings(boundary, places, frame, *, tolerance):
             faces = simplified(places, faces, locked=locked, tolerance=tolerance * _MEAN)
         faces = faces.astype(np.int64)
         pairs = crossing_faces(vertices, faces)
-        flat = altitudes(vertices[faces])[0] <= FLAT
+        flat = altitudes(places[faces])[0] <= FLAT  # in cells, where nothing underflows
         turned = _turned(boundary, places, faces)
         bad = np.concatenate([pairs.reshape(-1), np.flatnonzero(flat), np.flatnonzero(turned)])
         bad = faces[bad].reshape(-1)

@@ -31,6 +31,8 @@ class Rooms(NamedTuple):
         Solid rooms with a wall of the source in or between them.
     doors : list of float
         Widths of the doors that part solid from air, cells, widest first.
+    caps : ndarray
+        Triangles of caps that do.
     """
 
     solid: np.ndarray
@@ -38,6 +40,7 @@ class Rooms(NamedTuple):
     cavities: int
     buried: np.ndarray
     doors: list
+    caps: np.ndarray
 
 
 def solid_rooms(lattice, middles, source, *, share, keep_cavities):
@@ -62,7 +65,7 @@ def solid_rooms(lattice, middles, source, *, share, keep_cavities):
     count = len(middles)
     solid = np.arange(count) > 0
     if count == 1:
-        return Rooms(solid, 0, 0, np.zeros(count, bool), [])
+        return Rooms(solid, 0, 0, np.zeros(count, bool), [], np.arange(0))
     winding, single = np.zeros(count), source.faces[~source.doubled]
     if len(single):  # the two orientations of a face cancel
         winding = np.abs(WindingNumber(source.vertices, single)(middles))
@@ -95,6 +98,7 @@ def solid_rooms(lattice, middles, source, *, share, keep_cavities):
         int(hollow.sum()),
         _buried(walls, solid),
         _door_widths(doors, 2 * distance, solid),
+        np.unique(walls.triangle[walls.cap & (solid[walls.rooms].sum(axis=1) == 1)]),
     )
 
 
