@@ -137,10 +137,10 @@ def make_solid(vertices, faces, rules=None, *, log=print):
     nodes, sides = np.prod(frame.size.astype(float)), frame.size * np.roll(frame.size, 1)
     needed = nodes * _NODE[not source.closed] + 2 * sides.sum() * _SURFACE
     log(f"solid: {size} nodes of {frame.cell:.4g} mesh units; about {needed / 1e6:,.0f} MB")
-    closing, fan_of, widths, others, ajar = _caps(source, rules.widest_cap * source.diagonal)
-    strips = np.concatenate([others, _strips(source, ajar)])
-    corners = np.concatenate([source.vertices[source.faces], closing, strips])
-    caps = len(closing) + len(strips)
+    fans, fan_of, widths, ajar = _caps(source, rules.widest_cap * source.diagonal)
+    strips = _strips(source, ajar)
+    corners = np.concatenate([source.vertices[source.faces], fans, strips])
+    caps = len(fans) + len(strips)
     bits = np.zeros(len(corners), np.uint8)
     bits[: len(source.faces)] = ajar @ np.array([1, 2, 4])
     if np.spacing(np.abs(source.vertices).max()) > _ROUGH * frame.cell:
@@ -169,14 +169,13 @@ def _caps(source, widest):
 
     Returns
     -------
-    closing : ndarray, shape (n, 3, 3)
-        Fans that close their rims.
+    fans : ndarray, shape (n, 3, 3)
+        Fans that close their rims. One that lies on the source, as over the rim of a panel, closes
+        nothing and is left out.
     fan_of : ndarray, shape (n,)
         The fan of each of these triangles.
     widths : ndarray
         Widths of these fans' rims.
-    others : ndarray, shape (m, 3, 3)
-        Fans that lie on the source, as over the rim of a panel.
     ajar : ndarray, shape (F, 3), bool
         Open edges that no fan closes.
     """
@@ -191,15 +190,12 @@ def _caps(source, widest):
         off = surface.distance(fans[k].mean(axis=1)) > _OFF * widths[k]
         closing[k] = off.mean() > 0.5
         closed[loops[k]] |= closing[k]
-    none = np.empty((0, 3, 3))
-    others = [fan for fan, which in zip(fans, narrow & ~closing, strict=True) if which]
     fans = [fan for fan, which in zip(fans, closing, strict=True) if which]
     ajar = open_edges & ~closed[directed.reshape(-1, 3, 2)].all(axis=2)
     return (
-        np.concatenate([none, *fans]),
+        np.concatenate([np.empty((0, 3, 3)), *fans]),
         np.repeat(np.arange(len(fans)), [len(fan) for fan in fans]),
         widths[closing],
-        np.concatenate([none, *others]),
         ajar,
     )
 
