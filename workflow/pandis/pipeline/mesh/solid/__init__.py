@@ -183,21 +183,18 @@ def _caps(source, widest):
     directed = source.faces[:, [[0, 1], [1, 2], [2, 0]]]
     loops = rims(directed[open_edges], len(vertices))
     widths = np.array([np.linalg.norm(np.ptp(vertices[loop], axis=0)) for loop in loops])
-    narrow = widths <= widest
-    fans, surface = [_fan(vertices[loop]) for loop in loops], Surface(vertices, source.faces)
+    fans = np.concatenate([np.empty((0, 3, 3)), *(_fan(vertices[loop]) for loop in loops)])
+    fan_of = np.repeat(np.arange(len(loops)), [len(loop) for loop in loops])
     closing, closed = np.zeros(len(loops), bool), np.zeros(len(vertices), bool)
-    for k in np.flatnonzero(narrow):
-        off = surface.distance(fans[k].mean(axis=1)) > _OFF * widths[k]
-        closing[k] = off.mean() > 0.5
-        closed[loops[k]] |= closing[k]
-    fans = [fan for fan, which in zip(fans, closing, strict=True) if which]
+    if len(loops):
+        distance = Surface(vertices, source.faces).distance(fans.mean(axis=1))
+        off = np.bincount(fan_of, distance > _OFF * widths[fan_of])
+        closing = (off > 0.5 * np.bincount(fan_of)) & (widths <= widest)
+    for k in np.flatnonzero(closing):
+        closed[loops[k]] = True
     ajar = open_edges & ~closed[directed.reshape(-1, 3, 2)].all(axis=2)
-    return (
-        np.concatenate([np.empty((0, 3, 3)), *fans]),
-        np.repeat(np.arange(len(fans)), [len(fan) for fan in fans]),
-        widths[closing],
-        ajar,
-    )
+    closes = closing[fan_of]
+    return fans[closes], (np.cumsum(closing) - 1)[fan_of[closes]], widths[closing], ajar
 
 
 def _fan(rim):
