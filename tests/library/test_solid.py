@@ -434,6 +434,7 @@ def quiet(mesh, **options):
     return pandis.repair((mesh.vertices, mesh.faces), **options)
 
 
+@pytest.mark.slow
 def test_a_refusal_recommends_a_solid_that_works():
     box = open_box()
     with pytest.raises(pandis.RepairError, match=r"`mesh: \{solid: always\}`") as refused:

@@ -399,9 +399,9 @@ def test_a_scene_takes_meshes_and_says_what_is_wrong(files, meshes, tmp_path, ca
     with pytest.raises(PandisError, match="no object is named ring; the objects are torus"):
         mjcf.write_mjcf(objects, "one.xml", {"ring": mesh})
     scene.write_text("{}")
-    assert main(["mjcf", str(scene), "table.xml"]) == 1
+    assert main(["mjcf", str(scene), "table.xml"]) == 3
     assert "not a scene from results/scenes" in capsys.readouterr().err
-    assert main(["mjcf", "nowhere.json", "table.xml"]) == 1
+    assert main(["mjcf", "nowhere.json", "table.xml"]) == 3
     assert "nowhere.json: it cannot be read" in capsys.readouterr().err
 
 
