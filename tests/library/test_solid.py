@@ -249,6 +249,13 @@ def test_back_to_back_faces_are_a_wall_and_not_a_solid():
     assert (inside(solid, (0, 0, 0)), solid.facts.kinds) == ([False], {"sheet": 1})
 
 
+def test_a_closed_part_drawn_from_both_sides_is_solid():
+    box = trimesh.creation.box((1, 1, 1))
+    both = np.concatenate([box.faces, box.faces[:, ::-1]])
+    solid = solid_of((box.vertices, both))
+    assert (inside(solid, (0, 0, 0)), solid.facts.cavities) == ([True], 0)
+
+
 def test_a_curved_sheet_has_nothing_beside_it():
     """The fan over its rim runs close to it: what lies between them is no solid."""
     x, y = np.meshgrid(np.linspace(-1, 1, 33), np.linspace(-1, 1, 33), indexing="ij")

@@ -74,13 +74,13 @@ def solid_rooms(lattice, middles, source, *, share, keep_cavities):
     real = between & ~walls.cap
     inward = _share_inward(walls, real, source.doubled[walls.triangle[real]], count=count)
     outside = np.arange(count) == 0
-    real = np.bincount(walls.rooms[real].reshape(-1), minlength=count)
+    wall_count = np.bincount(walls.rooms[real].reshape(-1), minlength=count)
     doors, distance = lattice.doors()
     invented = _both_ways(np.concatenate([walls.rooms[between & walls.cap], doors]))
     while True:
         one, other = invented
         unreal = np.bincount(one[outside[other]], minlength=count)
-        part = unreal / np.maximum(real + unreal, 1)
+        part = unreal / np.maximum(wall_count + unreal, 1)
         air = (winding < _AIR_WINDING) & (inward > _AIR_WALLS)
         opened = ~outside & (part > _NOISE) & ((part > share) | air)
         if not opened.any():
@@ -89,7 +89,10 @@ def solid_rooms(lattice, middles, source, *, share, keep_cavities):
     solid = ~outside
     hollow = np.zeros(count, bool)
     if keep_cavities:
-        hollow = solid & (winding < _CAVITY_WINDING) & (inward > _CAVITY_WALLS)
+        # a room behind doubled faces alone is no cavity: they say nothing of what is inside
+        alone = _share_inward(walls, real, False, count=count)
+        alone -= _share_of(walls.rooms[real], source.doubled[walls.triangle[real]], count)
+        hollow = solid & (winding < _CAVITY_WINDING) & (alone > _CAVITY_WALLS)
         hollow &= _behind_walls(walls, between, count, closed=source.closed)
     solid &= ~hollow
     return Rooms(
@@ -124,6 +127,12 @@ def _share_inward(walls, which, doubled, *, count):
     inward = np.bincount(rooms[:, 1], (faces > 0) | doubled, count)
     inward += np.bincount(rooms[:, 0], (faces < 0) | doubled, count)
     return inward / np.maximum(np.bincount(rooms.reshape(-1), minlength=count), 1)
+
+
+def _share_of(rooms, chosen, count):
+    """Return the share of each room's walls, with these rooms (n, 2), in a mask (n,)."""
+    total = np.bincount(rooms.reshape(-1), minlength=count)
+    return np.bincount(rooms[chosen].reshape(-1), minlength=count) / np.maximum(total, 1)
 
 
 def _behind_walls(walls, between, count, *, closed):
