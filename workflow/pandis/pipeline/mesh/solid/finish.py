@@ -8,6 +8,7 @@ from scipy.sparse import coo_array
 
 from pandis.engine.solid import FINENESS, NO_ROOM, ON_CAP, ON_DOOR, ON_SHEET, meetings, simplified
 from pandis.pipeline.mesh.diagnosis import FLAT, altitudes, crossing_faces
+from pandis.pipeline.mesh.nesting import signed_volumes
 from pandis.pipeline.mesh.topology import compact
 from pandis.pipeline.mesh.winding import WindingNumber
 from pandis.pipeline.run.records.mesh import SolidFacts
@@ -84,7 +85,9 @@ def finish(boundary, source, rules, *, parts, rooms, caps):
             faces=boundary.faces[~small[boundary.part[boundary.faces[:, 0]]]]
         )
     places = _sound(boundary, _placed(boundary, source, rules.thickness))
-    vertices, faces = _without_crossings(boundary, places, frame, tolerance=rules.tolerance)
+    vertices, faces = _without_crossings(
+        boundary, places, frame, tolerance=rules.tolerance, volume=parts.volume
+    )
     return Solid(vertices, faces, facts)
 
 
@@ -186,7 +189,7 @@ def _sound(boundary, target):
     return places
 
 
-def _without_crossings(boundary, places, frame, *, tolerance):
+def _without_crossings(boundary, places, frame, *, tolerance, volume):
     """Return vertices (mesh units) and faces without self-intersections, simplified.
 
     Where simplified faces cross, the vertices around them are locked, and it starts again. What
@@ -200,7 +203,7 @@ def _without_crossings(boundary, places, frame, *, tolerance):
         faces = faces.astype(np.int64)
         pairs = crossing_faces(vertices, faces)
         flat = altitudes(places[faces])[0] <= FLAT  # in cells, where nothing underflows
-        turned = _turned(boundary, places, faces)
+        turned = _turned(boundary.part, places, faces, volume=volume)
         bad = np.concatenate([pairs.reshape(-1), np.flatnonzero(flat), np.flatnonzero(turned)])
         bad = faces[bad].reshape(-1)
         if not len(bad):
@@ -215,19 +218,11 @@ def _without_crossings(boundary, places, frame, *, tolerance):
     return compact(frame.to_mesh(boundary.places), boundary.faces.astype(np.int64))
 
 
-def _turned(boundary, places, faces):
+def _turned(part, places, faces, *, volume):
     """Return a mask of the faces of components that simplification has turned inside out."""
-    part = boundary.part[faces[:, 0]]
-    before = boundary.part[boundary.faces[:, 0]]
-    count = int(before.max()) + 1
-    volume = _volumes(places, faces, part, count=count)
-    return (volume * _volumes(boundary.places, boundary.faces, before, count=count) < 0)[part]
-
-
-def _volumes(places, faces, part, *, count):
-    """Return the volume of each component, cubic cells."""
-    a, b, c = (places[faces[:, k]] for k in range(3))
-    return np.bincount(part, np.einsum("ij,ij->i", a, np.cross(b, c)), count) / 6
+    label = part[faces[:, 0]]
+    now = signed_volumes(places, faces, label, count=len(volume))
+    return (now * volume < 0)[label]
 
 
 def _near(places, chosen):

@@ -72,16 +72,20 @@ def solid_rooms(lattice, middles, source, *, share, keep_cavities):
     walls = lattice.walls()
     between = walls.rooms[:, 0] != walls.rooms[:, 1]
     real = between & ~walls.cap
-    inward = _share_inward(walls, real, source.doubled[walls.triangle[real]], count=count)
+    rooms, doubled = walls.rooms[real], source.doubled[walls.triangle[real]]
+    second = walls.faces[real] > 0
+    # doubled walls face both ways: they bound air, and say nothing of what a cavity holds
+    inward = _share_inward(rooms, second | doubled, ~second | doubled, count=count)
+    alone = _share_inward(rooms, second & ~doubled, ~second & ~doubled, count=count)
+    air = (winding < _AIR_WINDING) & (inward > _AIR_WALLS)
     outside = np.arange(count) == 0
-    wall_count = np.bincount(walls.rooms[real].reshape(-1), minlength=count)
+    wall_count = np.bincount(rooms.reshape(-1), minlength=count)
     doors, distance = lattice.doors()
     invented = _both_ways(np.concatenate([walls.rooms[between & walls.cap], doors]))
     while True:
         one, other = invented
         unreal = np.bincount(one[outside[other]], minlength=count)
         part = unreal / np.maximum(wall_count + unreal, 1)
-        air = (winding < _AIR_WINDING) & (inward > _AIR_WALLS)
         opened = ~outside & (part > _NOISE) & ((part > share) | air)
         if not opened.any():
             break
@@ -89,9 +93,6 @@ def solid_rooms(lattice, middles, source, *, share, keep_cavities):
     solid = ~outside
     hollow = np.zeros(count, bool)
     if keep_cavities:
-        # a room behind doubled faces alone is no cavity: they say nothing of what is inside
-        alone = _share_inward(walls, real, False, count=count)
-        alone -= _share_of(walls.rooms[real], source.doubled[walls.triangle[real]], count)
         hollow = solid & (winding < _CAVITY_WINDING) & (alone > _CAVITY_WALLS)
         hollow &= _behind_walls(walls, between, count, closed=source.closed)
     solid &= ~hollow
@@ -118,21 +119,20 @@ def _both_ways(pairs):
     return np.concatenate([pairs[:, 0], pairs[:, 1]]), np.concatenate([pairs[:, 1], pairs[:, 0]])
 
 
-def _share_inward(walls, which, doubled, *, count):
-    """Return the share of each room's walls, among the mask, that face into it.
+def _share_inward(rooms, second, first, *, count):
+    """Return the share of each room's walls that face into it.
 
-    Doubled ones face both ways.
+    Parameters
+    ----------
+    rooms : ndarray, shape (n, 2)
+        Rooms on both sides of each wall.
+    second, first : ndarray, shape (n,), bool
+        Whether it faces the second, and the first.
+    count : int
+        Number of rooms.
     """
-    rooms, faces = walls.rooms[which], walls.faces[which]
-    inward = np.bincount(rooms[:, 1], (faces > 0) | doubled, count)
-    inward += np.bincount(rooms[:, 0], (faces < 0) | doubled, count)
+    inward = np.bincount(rooms[:, 1], second, count) + np.bincount(rooms[:, 0], first, count)
     return inward / np.maximum(np.bincount(rooms.reshape(-1), minlength=count), 1)
-
-
-def _share_of(rooms, chosen, count):
-    """Return the share of each room's walls, with these rooms (n, 2), in a mask (n,)."""
-    total = np.bincount(rooms.reshape(-1), minlength=count)
-    return np.bincount(rooms[chosen].reshape(-1), minlength=count) / np.maximum(total, 1)
 
 
 def _behind_walls(walls, between, count, *, closed):
