@@ -9,8 +9,7 @@ from pathlib import Path
 from pandis.base.errors import PandisError
 from pandis.base.files import check_output, write_new
 from pandis.base.workflow import workflow_folder
-
-FINE, REFUSED = 0, 3
+from pandis.commands import FINE, REFUSED
 
 
 def add_options(name, parser):

@@ -7,12 +7,12 @@ from pathlib import Path
 import pandis
 from pandis.base.errors import ConfigError, PandisError, RepairError
 from pandis.base.files import check_output
+from pandis.commands import FINE, REFUSED, UNFIT, USAGE
 from pandis.commands.options import add_model, add_set, as_flags, options_of
 from pandis.pipeline.api.labelling import DEFAULTS
 from pandis.pipeline.api.writing import mesh_format
 from pandis.pipeline.run.ask.sourcing import stem_of
 
-FINE, UNFIT, USAGE, REFUSED = range(4)
 _EXAMPLES = {
     "check": "pandis check part.stl\n  pandis check --json parts/*.stl",
     "repair": "pandis repair part.stl -o closed.ply\n  pandis repair --open cap *.ply -o out/",

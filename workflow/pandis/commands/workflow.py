@@ -10,7 +10,7 @@ from pathlib import Path
 from pandis.base.errors import PandisError
 from pandis.base.files import check_output, write_new
 from pandis.base.workflow import workflow_folder
-from pandis.commands.meshes import FINE, REFUSED
+from pandis.commands import FINE, REFUSED
 from pandis.pipeline.api.sources import source_of
 
 _EXAMPLE = "pandis run part.stl\n  pandis run --fields compact-auto,spline-auto parts/*.stl"

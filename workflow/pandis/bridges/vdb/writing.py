@@ -1,5 +1,6 @@
 """Writes a field's signed distance as a sparse volume."""
 
+import tempfile
 from os import PathLike
 from pathlib import Path
 
@@ -79,7 +80,10 @@ def _write_nvdb(tree, path):
             origins, voxel_size=tree.voxel, bg_value=tree.background
         )
         wp.launch(_fill(), len(tree.origins) * SIDE**3, [volume.id, origins, values])
-        volume.save_to_nvdb(str(path))
+        with tempfile.TemporaryDirectory() as folder:
+            whole = Path(folder) / "volume.nvdb"
+            volume.save_to_nvdb(str(whole))
+            write_atomically(path, whole.read_bytes())
 
 
 def _fill():

@@ -95,7 +95,7 @@ def library():
     lib.solid_fill.argtypes = [pointer, pointer, f32]
     lib.solid_surface.argtypes = [pointer, f32]
     lib.solid_counts.argtypes = [pointer, pointer]
-    lib.solid_room_facts.argtypes = [pointer, pointer, pointer]
+    lib.solid_middles.argtypes = [pointer, pointer]
     lib.solid_walls.argtypes = [pointer] * 5
     lib.solid_doors.restype, lib.solid_doors.argtypes = i64, [pointer] * 3
     lib.solid_result.argtypes = [pointer] * 5
@@ -244,17 +244,15 @@ class Lattice:
 
         Returns
         -------
-        radius : ndarray, shape (R,), float32
-            Radius of each room's largest ball, or half its longest run, cells. Room 0 is outside.
-        middle : ndarray, shape (R, 3), int32
-            A node of each room, far from its walls.
+        ndarray, shape (R, 3), int32
+            A node of each room, far from its walls. Room 0 is outside.
         """
         has_open = bool(self._open.any())
         self._check(self._library.solid_rooms(self._lattice, has_open, widest, share))
         count = self._counts()[0]
-        radius, middle = np.empty(count, np.float32), np.empty((count, 3), np.int32)
-        self._library.solid_room_facts(self._lattice, radius.ctypes.data, middle.ctypes.data)
-        return radius, middle
+        middle = np.empty((count, 3), np.int32)
+        self._library.solid_middles(self._lattice, middle.ctypes.data)
+        return middle
 
     def walls(self):
         """Return the `Walls` between and in the rooms."""

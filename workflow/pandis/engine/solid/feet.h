@@ -1,12 +1,10 @@
 /* The nearest point of the surface for nodes near and far: a part of solid.c. */
 
-#define SPLIT                                                                                      \
-    16 /* triangles with a longer edge (squared) are split before their nodes are visited */
+/* Triangles with a longer edge (squared) are split before their nodes are visited. */
+#define SPLIT 16
 #define EQUAL 1e-5f
 
 typedef struct {
-    const Lattice *lattice;
-    int64_t triangle;
     double corner[3][3];
     int open; /* bit k if the edge from corner k is open */
 } Piece;
@@ -33,7 +31,6 @@ static int add_foot(Lattice *l, int64_t node, const double *at, const Piece *p) 
     Foot *f = l->feet + index;
     for (int k = 0; k < 3; k++) f->place[k] = (float)(at[k] - foot.offset[k]);
     f->distance = (float)foot.distance;
-    f->triangle = (int32_t)p->triangle;
     f->rim = rim;
     return 1;
 }
@@ -83,7 +80,7 @@ static int find_feet(Lattice *l) {
     if (!l->nearest) return 0;
     for (int64_t i = 0; i < l->nodes; i++) l->nearest[i] = -1;
     for (int64_t t = 0; t < l->triangles - l->caps; t++) {
-        Piece p = {.lattice = l, .triangle = t, .open = l->open[t]};
+        Piece p = {.open = l->open[t]};
         memcpy(p.corner, l->corners + 9 * t, sizeof p.corner);
         if (!visit_piece(l, &p, 0)) return 0;
     }

@@ -10,7 +10,6 @@ typedef struct {
 /* The nearest point of the surface to some nodes. */
 typedef struct {
     float place[3], distance;
-    int32_t triangle;
     uint8_t rim; /* whether it lies on an open edge */
 } Foot;
 

@@ -63,7 +63,7 @@ static int faces_meet(const double *places, const Face *f, const Face *g) {
 typedef struct {
     const double *places;
     const Face *faces;
-    int64_t count, *next, *entry_face;
+    int64_t *next, *entry_face;
     int64_t *head, slots, entry_count, entry_room, next_room;
 } Grid;
 
@@ -120,7 +120,7 @@ static void mark_meetings(const Grid *g, int64_t face, uint8_t *bad) {
  * are in cells. Returns 0 if memory is short. */
 int32_t solid_meetings(const double *places, const int32_t *corners, int64_t count,
     const uint8_t *question, uint8_t *bad) {
-    Grid g = {.places = places, .faces = (const Face *)corners, .count = count, .slots = 4096};
+    Grid g = {.places = places, .faces = (const Face *)corners, .slots = 4096};
     while (g.slots < 4 * count) g.slots *= 2;
     g.head = malloc((size_t)g.slots * sizeof *g.head);
     int done = g.head != NULL;

@@ -83,12 +83,9 @@ void solid_counts(const Lattice *l, int64_t *counts) {
     counts[2] = l->vertex_count, counts[3] = l->face_count;
 }
 
-/* Per room: radius (cells) and a node far from its walls (place). */
-void solid_room_facts(const Lattice *l, float *radius, int32_t *middle) {
-    for (int64_t r = 0; r < l->room_count; r++) {
-        radius[r] = l->radius[r];
-        place_of(l, l->middle[r], middle + 3 * r);
-    }
+/* Per room: the place of a node far from its walls. */
+void solid_middles(const Lattice *l, int32_t *middle) {
+    for (int64_t r = 0; r < l->room_count; r++) place_of(l, l->middle[r], middle + 3 * r);
 }
 
 /* Per cut: the rooms at both ends of its edge; the triangle; whether it is the only one of its

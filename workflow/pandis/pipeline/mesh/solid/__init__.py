@@ -151,7 +151,7 @@ def make_solid(vertices, faces, rules=None, *, log=print):
     corners = frame.to_cells(corners)
     lattice = Lattice(corners, bits, caps=caps, strips=len(strips), size=frame.size)
     widest = max(rules.widest_door * source.diagonal / frame.cell / 2, 2.0)
-    _, middles = lattice.find_rooms(widest, _DOOR)
+    middles = lattice.find_rooms(widest, _DOOR)
     rooms = solid_rooms(
         lattice, frame.to_mesh(middles), source,
         share=rules.share, keep_cavities=rules.keep_cavities,
