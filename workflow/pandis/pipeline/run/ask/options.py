@@ -62,8 +62,8 @@ class MeshOptions(Options):
     solid: Literal["never", "always"] = Field(
         "never",
         description="`always`: a mesh that `clean`, `union` and `fill` cannot repair becomes one "
-        "closed surface around its solid (docs/solid.md). Nothing is refused, but walls may be "
-        "invented: the record and the report say which",
+        "closed surface around its solid (docs/solid.md). Walls may be invented: the record and "
+        "the report say which",
     )
     solid_error: str = Field(
         "256 cells",
