@@ -455,6 +455,8 @@ def test_a_refusal_recommends_a_solid_that_works():
     assert mesh.record.solid.why.startswith("caps are 17 % of the surface")
     assert (mesh.record.solid.opened, mesh.record.solid.kinds) == (1, {"sheet": 1})
     assert mesh.record.after["valid"]
+    capped = quiet(box, solid_share=0.1, open="cap", **refused.value.option)
+    assert capped.rungs[-1] == "fill"
 
 
 def test_pieces_that_an_exact_repair_would_leave_out_are_part_of_a_solid():

@@ -107,7 +107,7 @@ def _repaired(ladder, vertices, faces):
         ladder.seconds_left = ladder.options.solid_after
     try:
         climb(ladder)
-        if always:
+        if always and ladder.options.open == "refuse":  # else caps were asked for
             _demand_own_walls(ladder)
     except PandisError as error:
         if always:
