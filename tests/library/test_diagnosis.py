@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from pandis.pipeline.geometry.shapes import SHAPES
-from pandis.pipeline.mesh.diagnosis import FAULTS, diagnose
+from pandis.pipeline.mesh.diagnosis import FAULTS, crossing_faces, diagnose
 from pandis.pipeline.mesh.winding import WindingNumber
 from support import box_mesh, octahedron
 
@@ -77,6 +77,15 @@ def test_soup_is_judged_as_the_surface_it_describes():
     vertices, faces = octahedron()
     soup = vertices[faces].reshape(-1, 3)
     assert faults(soup, np.arange(24).reshape(-1, 3)) == {"split_vertices": 18}
+
+
+def test_crossing_pairs_come_in_one_order():
+    # libigl's order is that of its threads, and repairs and reports quote the first pairs
+    random = np.random.default_rng(0)
+    corners = random.random((400, 1, 3)) + 0.2 * random.standard_normal((400, 3, 3))
+    pairs = crossing_faces(corners.reshape(-1, 3), np.arange(1200).reshape(-1, 3)).tolist()
+    assert len(pairs) > 1000
+    assert pairs == sorted(sorted(pair) for pair in pairs)
 
 
 def test_crossing_and_touching_solids():

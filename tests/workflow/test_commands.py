@@ -78,13 +78,24 @@ def test_check_tells_by_its_status_whether_a_mesh_is_valid(tmp_path, capsys):
 
 def test_several_meshes_end_with_a_table_and_the_worst_status(tmp_path, capsys):
     box(tmp_path), box(tmp_path, "cup.ply", top=False)
+    typed("check", "part.ply"), typed("check", "cup.ply")
+    reports = capsys.readouterr().out.splitlines()
     assert typed("check", "part.ply", "cup.ply", "nowhere.stl") == REFUSED
     rows = capsys.readouterr().out.splitlines()
-    assert [row.split()[0] for row in rows] == ["part.ply", "cup.ply", "nowhere.stl"]
+    assert rows[:-3] == reports
+    assert [row.split()[0] for row in rows[-3:]] == ["part.ply", "cup.ply", "nowhere.stl"]
     assert typed("check", "--json", "part.ply", "cup.ply") == UNFIT
     first, second = json.loads(capsys.readouterr().out)
     assert (first["ok"], second["ok"]) == (True, False)
     assert second["option"] == {"solid": "always"}
+
+
+def test_compare_says_which_order_it_takes(tmp_path, capsys):
+    box(tmp_path)
+    assert typed("field", "part.ply", "--kind", "exact") == FINE
+    assert typed("compare", "part.ply", "part.pandis") == USAGE
+    words = capsys.readouterr().err.split("type: pandis ")[1].split()
+    assert typed(*words) == FINE
 
 
 @pytest.mark.slow

@@ -146,7 +146,7 @@ class _Command:
             row, line = {"mesh": path, "error": str(error), "option": option}, "refused"
         else:
             status = FINE if fit else UNFIT
-            if not self.words.json and len(self.words.meshes) == 1:
+            if not self.words.json and (len(self.words.meshes) == 1 or text != line):
                 print(text)
         self.rows.append((path, row, line))
         self.status = max(self.status, status)
@@ -203,5 +203,8 @@ class _Command:
 
     def _compare(self, path, output, log):
         words = self.words
+        if path.endswith(".pandis") and not words.field.endswith(".pandis"):
+            why = "the field comes first, the mesh second; type: pandis compare"
+            raise ConfigError(f"{path}: {why} {path} {words.field}", {"field": why})
         comparison = pandis.compare(words.field, path, log=log, probes=words.probes, **self.options)
         return str(comparison), json.loads(comparison.to_json()), "", comparison.ok

@@ -179,7 +179,7 @@ def diagnose(vertices: Vertices, faces: Faces, *, crossings=None):
 
 
 def crossing_faces(vertices: Vertices, faces: Faces):
-    """Return the pairs (m, 2) of faces that meet outside their shared vertices and edges.
+    """Return the pairs (m, 2) of faces that meet outside their shared vertices and edges, sorted.
 
     The test is exact (libigl's predicates). Faces that merely touch are included, because the
     closest surface is ambiguous where two surfaces touch.
@@ -194,7 +194,9 @@ def crossing_faces(vertices: Vertices, faces: Faces):
     _, pairs, _ = igl.predicates.find_self_intersections(
         np.ascontiguousarray(scaled), np.ascontiguousarray(faces[sound])
     )
-    return sound[np.asarray(pairs, np.int64).reshape(-1, 2)]
+    # libigl searches in several threads, whose timing decides the order of its answer
+    pairs = np.sort(np.asarray(pairs, np.int64).reshape(-1, 2), axis=1)
+    return sound[pairs[np.lexsort(pairs.T[::-1])]]
 
 
 def count_distinct(faces: Faces):
