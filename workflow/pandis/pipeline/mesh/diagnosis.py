@@ -194,7 +194,7 @@ def crossing_faces(vertices: Vertices, faces: Faces):
     _, pairs, _ = igl.predicates.find_self_intersections(
         np.ascontiguousarray(scaled), np.ascontiguousarray(faces[sound])
     )
-    # libigl searches in several threads, whose timing decides the order of its answer
+    # the order of libigl's answer is unspecified, and has differed between runs
     pairs = np.sort(np.asarray(pairs, np.int64).reshape(-1, 2), axis=1)
     return sound[pairs[np.lexsort(pairs.T[::-1])]]
 
