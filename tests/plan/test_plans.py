@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 import yaml
 
-from pandis.base.errors import PandisError
+from pandis.base.errors import ConfigError, PandisError
 from pandis.pipeline.run.plan.plan import Plan
 from support import ROOT, edit, plan, snakemake
 
@@ -382,6 +382,22 @@ def test_other_targets_do_not_mind_scenes(rerun):
     change(rerun, scenes={"table": SCENE})
     for target in ("report", "hardware", "evaluations", "models"):
         assert plan(rerun, targets=(target,)) == set()
+
+
+def test_faults_of_every_part_of_a_configuration_are_reported_at_once():
+    config = {
+        "results": "re sults",
+        "until": "report",
+        "seed": -1,
+        "meshes": {"torus": {"source": "missing.stl"}, "cup": {"source": "analytic:torus", "x": 1}},
+        "scenes": {"table": {"objects": {"a": {"mesh": "vase", "field": "exact"}}}},
+    }
+    with pytest.raises(ConfigError) as error:
+        Plan(config, ROOT / "workflow")
+    for key in ("results", "until", "seed", "meshes.torus.source", "meshes.cup.x",
+                "scenes.table.objects.a.mesh"):  # fmt: skip
+        assert f"\n  {key}: " in str(error.value)
+    assert "6 faults" in str(error.value)
 
 
 @pytest.mark.parametrize(

@@ -31,6 +31,7 @@ def add_options(name, parser):
         "--fields", default="exact,compact-auto", help="fields to compare (exact,compact-auto)"
     )
     parser.add_argument("--size", default="0.1", help="longest side on a device: 60 mm, or m (0.1)")
+    parser.add_argument("--unit", help="unit of the meshes, for reports: mm, m, … (the files')")
     parser.add_argument("--stiffness", type=float, default=400.0, help="stiffness, N/m (400)")
     parser.add_argument("--force", action="store_true", help="write the configuration anew")
     parser.add_argument("-j", "--jobs", type=int, default=2, help="jobs at once (2)")
@@ -71,6 +72,7 @@ def _write(words):
         f"results: results/{folder}",
         f"fields: {json.dumps(words.fields.split(','))}",
         f"device: {{size: {size}, stiffness: {words.stiffness!r}}}",
+        *([f"mesh: {{unit: {json.dumps(words.unit)}}}"] if words.unit else []),
         "meshes:",
         *(f"  {name}: {{source: {json.dumps(text)}}}" for name, text in meshes.items()),
     ]
@@ -92,4 +94,5 @@ def _write(words):
 
 def _written_for(words, meshes):
     """Return the first line of a configuration, which says for what it was written."""
-    return f"# for {json.dumps([words.fields, words.size, words.stiffness, meshes])}"
+    options = words.fields, words.size, words.unit, words.stiffness
+    return f"# for {json.dumps([*options, meshes])}"

@@ -22,9 +22,10 @@ from pandis.pipeline.run.ask.sourcing import ANALYTIC, format_of
 
 #: Rough costs on one core: seconds of a process and its imports, and per million faces of reading
 #: and diagnosing a mesh, of its lossless repair, of its slow repair, and of `compact-auto`.
-_START, _READ, _LOSSLESS, _SLOW, _FIELD = 1.5, 20.0, 60.0, 600.0, 100.0
-#: Seconds that the slow rungs take at least, on average.
-_RUNGS = 10.0
+_START, _READ, _LOSSLESS, _SLOW, _FIELD = 1.5, 20.0, 60.0, 100.0, 100.0
+#: Typical seconds of the rungs that a forecast does not run. A ladder that is stuck from its first
+#: rung on usually climbs far.
+_RUNGS, _FAR = 3.0, 20.0
 
 
 @dataclass(frozen=True)
@@ -181,7 +182,8 @@ def check(mesh: object, /, **options: object) -> Report:
         )
     repair = {"nothing": 0.0, "lossless": _LOSSLESS, "repair": _SLOW, "refusal": 0.0}
     seconds = _START + (_READ + repair[ahead.outcome]) * millions
-    seconds += _RUNGS * (ahead.outcome == "repair")
+    if ahead.outcome == "repair":
+        seconds += _FAR if ahead.begins_with == "clean" else _RUNGS
     places = fault_places(vertices, faces, diagnosis, crossings=crossings)
     return Report(
         source=source.text,

@@ -8,7 +8,7 @@ import igl
 import numpy as np
 from scipy.spatial import cKDTree
 
-from pandis.pipeline.mesh.diagnosis import FLAT, altitudes, crossing_faces
+from pandis.pipeline.mesh.diagnosis import FLAT, altitudes, count_distinct, crossing_faces
 from pandis.pipeline.mesh.nesting import must_turn, nesting_depth, signed_volumes
 from pandis.pipeline.mesh.topology import (
     EdgeTable,
@@ -66,11 +66,9 @@ def resolve_duplicates(vertices, faces):
     resolves them later. If cancelling would remove more than `SHEETS` of the area, the faces are
     taken to be the two sides of sheets, and one side of each sheet is kept.
     """
-    _, index, counts = np.unique(
-        np.sort(faces, axis=1), axis=0, return_inverse=True, return_counts=True
-    )
-    if (counts == 1).all():
+    if count_distinct(faces) == len(faces):
         return faces
+    _, index = np.unique(np.sort(faces, axis=1), axis=0, return_inverse=True)
     # the parity of the vertex order determines a face's orientation
     rolled = rotate_to_smallest(faces)
     side = np.where(rolled[:, 1] < rolled[:, 2], 1, -1)

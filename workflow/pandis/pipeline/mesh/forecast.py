@@ -10,7 +10,7 @@ from pandis.pipeline.mesh.diagnosis import crossing_faces, diagnose
 from pandis.pipeline.mesh.ladder import Ladder
 from pandis.pipeline.mesh.repair import climb
 from pandis.pipeline.mesh.solidify import with_solid
-from pandis.pipeline.mesh.topology import same_place
+from pandis.pipeline.mesh.topology import compact, same_place
 
 #: Operations that change no surface and take seconds at most; a forecast runs them.
 _LOSSLESS = ("clean", "orient")
@@ -96,6 +96,8 @@ def forecast(vertices, faces, options, *, diagnosis, crossings, seed=0):
     """
     if diagnosis.valid:
         return Forecast("nothing")
+    # otherwise cleaning would drop unreferenced vertices and need another diagnosis
+    vertices, faces = compact(vertices, faces)
     ladder = _Forecasting(vertices, faces, options, seed, lambda text: None, now=diagnosis)
     ladder.crossings = crossings
     try:

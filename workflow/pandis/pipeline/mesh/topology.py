@@ -176,8 +176,14 @@ def nonmanifold_vertices(faces, edges):
 
 def same_place(vertices):
     """For each vertex, return the index of the first vertex with the same coordinates."""
-    _, first, index = np.unique(vertices + 0.0, axis=0, return_index=True, return_inverse=True)
-    return first[index.reshape(-1)].astype(np.int64)
+    place = vertices + 0.0  # -0.0 becomes 0.0
+    order = np.lexsort(place.T)  # stable, and twice as fast as np.unique with an axis
+    place = place[order]
+    starts = np.ones(len(place), bool)
+    starts[1:] = (place[1:] != place[:-1]).any(axis=1)
+    first = np.empty(len(vertices), np.int64)
+    first[order] = order[starts][np.cumsum(starts) - 1]
+    return first
 
 
 def repeats_a_vertex(faces):

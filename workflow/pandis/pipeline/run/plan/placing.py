@@ -4,6 +4,7 @@ Like `pandis.pipeline.run.ask.config`, this module imports neither torch nor tri
 """
 
 import re
+from functools import partial
 
 from pandis.base.errors import ConfigError
 from pandis.pipeline.run.ask.catalogue import MESH_NAME, parse_field
@@ -11,6 +12,7 @@ from pandis.pipeline.run.ask.config import SceneOptions
 from pandis.pipeline.run.ask.contacts import SurfaceOptions
 from pandis.pipeline.run.ask.faults import faults_of, name_faults, raise_faults
 from pandis.pipeline.run.ask.kinds import KINDS
+from pandis.pipeline.run.ask.reading import last_target, load_config, results_folder
 from pandis.pipeline.run.ask.sourcing import source_fault
 from pandis.pipeline.run.ask.tasks import PlacedObject, SceneTask
 
@@ -123,18 +125,21 @@ def _knows_regions(entry, name):
     return known[0][1] if known else None
 
 
-def other_faults(config):
-    """Return the faults of scenes and the missing files of a configuration that has others, too."""
+def all_faults(config):
+    """Return every fault of a configuration, including missing files, whichever part reports it."""
     meshes, faults = config.get("meshes"), {}
     meshes = meshes if isinstance(meshes, dict) else {}
+    nameless = dict.fromkeys(meshes)  # scenes are read without the options of their meshes
+    readers = results_folder, last_target, load_config, partial(load_scenes, entries=nameless)
+    for reader in readers:
+        try:
+            reader(config)
+        except ConfigError as error:
+            faults |= error.faults
     for name, entry in meshes.items():
         source = entry.get("source") if isinstance(entry, dict) else None
         fault = source_fault(source) if isinstance(source, str) else None
         if fault:
             key, _, why = fault.partition(": ")
             faults[f"meshes.{name}.{key}"] = why
-    try:
-        load_scenes(config, dict.fromkeys(meshes))
-    except ConfigError as error:
-        faults |= error.faults
     return faults

@@ -28,7 +28,7 @@ from pandis.pipeline.run.ask.sourcing import (
 )
 from pandis.pipeline.run.ask.tasks import CalibrateTask, RefuseTask, SummaryTask, VerifyTask
 from pandis.pipeline.run.job.provenance import CodeDigests, needs
-from pandis.pipeline.run.plan.placing import load_scenes, needed, other_faults, scene_task
+from pandis.pipeline.run.plan.placing import all_faults, load_scenes, needed, scene_task
 from pandis.pipeline.run.plan.stages import STAGES, PlannedJob
 
 #: Named targets of the stages and of the scenes.
@@ -75,17 +75,17 @@ class Plan:
         self.files = [os.path.relpath(path) for path in files]
         for path in self.files:
             check_yaml(path)
-        #: Folder of all outputs of a run.
-        self.folder = results_folder(config)
-        #: Named target that the run ends with; None if it makes everything.
-        self.until = last_target(config)
         #: For each mesh that cannot be built, the reason. Its job reports the reason and fails.
         self.refused = {}
         try:
+            #: Folder of all outputs of a run.
+            self.folder = results_folder(config)
+            #: Named target that the run ends with; None if it makes everything.
+            self.until = last_target(config)
             self.entries = self._buildable(load_config(config, self.refused))
             self.scenes = load_scenes(config, self.entries)
         except ConfigError as error:
-            raise_faults(error.faults | other_faults(config))
+            raise_faults(error.faults | all_faults(config))
         #: Only the meshes and fields that scenes need; without scenes, all.
         self.needed = needed(self.entries, self.scenes)
         self.digests = CodeDigests(folder)
