@@ -53,3 +53,10 @@ rule scenes:
         plan.target("scenes"),
     message:
         "scenes: all results exist"
+
+
+rule datasets:
+    input:
+        plan.target("datasets"),
+    message:
+        "datasets: all results exist"

@@ -2,9 +2,9 @@
 
 Usage: PANDIS_MESHES=FOLDER .venv/bin/python tests/benchmarks/advice.py [COUNT [FACES]]
 
-Each mesh of PANDIS_MESHES and COUNT variants of them (300 by default, of at most FACES faces, 2,000
-by default; see many.py) are checked. A mesh that `check` refuses and for which it names an option is
-repaired with that option.
+Each mesh of PANDIS_MESHES and COUNT variants of them (300 by default, of at most FACES faces,
+2,000 by default; see many.py) are checked. A mesh that `check` refuses and for which it names an
+option is repaired with that option.
 """
 
 import os

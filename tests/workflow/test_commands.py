@@ -268,7 +268,7 @@ def command_in(workspace, *words):
 
 def equal_to_the_workflow(workspace, name, source, *words, fields):
     """Assert that the commands make the workflow's bytes and rows of one mesh."""
-    common = ("--open", "cap", "--seed", "7", "--quiet", "--force")
+    common = ("--open", "cap", "--seed", "7", "--name", name, "--quiet", "--force")
     for field in fields:
         command_in(workspace, "field", source, "--kind", field, "-o", "made.pandis", *words,
                    *common)  # fmt: skip

@@ -12,9 +12,11 @@ if TYPE_CHECKING:
     from pandis.base.errors import ArtifactError, PandisError, RepairError
     from pandis.pipeline.api.checking import Report, check
     from pandis.pipeline.api.comparing import Comparison, compare
+    from pandis.pipeline.api.datasets import label_meshes
     from pandis.pipeline.api.fields import field
     from pandis.pipeline.api.labelling import Labels, labels, signed_distance
     from pandis.pipeline.api.meshes import Mesh, repair
+    from pandis.pipeline.dataset.reading import LabelStore
     from pandis.runtime.contact import NativeContact as Contact
     from pandis.runtime.contact import TouchedScene, Touches
     from pandis.runtime.contact.surfaces import Material, Texture
@@ -29,10 +31,10 @@ if TYPE_CHECKING:
 __version__ = "0.2.0"
 
 __all__ = [
-    "Answer", "ArtifactError", "Comparison", "Contact", "Field", "Labels", "Material", "Mesh",
-    "MovingField", "PandisError", "Placed", "Poses", "RepairError", "Report", "Scene",
-    "SharedField", "Texture", "TouchedScene", "Touches", "check", "compare", "field", "labels",
-    "load", "repair", "sample", "signed_distance",
+    "Answer", "ArtifactError", "Comparison", "Contact", "Field", "LabelStore", "Labels",
+    "Material", "Mesh", "MovingField", "PandisError", "Placed", "Poses", "RepairError",
+    "Report", "Scene", "SharedField", "Texture", "TouchedScene", "Touches", "check", "compare",
+    "field", "label_meshes", "labels", "load", "repair", "sample", "signed_distance",
 ]  # fmt: skip
 
 #: Module and name in it of each public name that is imported on first use.
@@ -42,6 +44,7 @@ _PLACES = {
     "Comparison": "pipeline.api.comparing:Comparison",
     "Contact": "runtime.contact:NativeContact",
     "Field": "runtime.field:NativeField",
+    "LabelStore": "pipeline.dataset.reading:LabelStore",
     "Labels": "pipeline.api.labelling:Labels",
     "Material": "runtime.contact.surfaces:Material",
     "Mesh": "pipeline.api.meshes:Mesh",
@@ -59,6 +62,7 @@ _PLACES = {
     "check": "pipeline.api.checking:check",
     "compare": "pipeline.api.comparing:compare",
     "field": "pipeline.api.fields:field",
+    "label_meshes": "pipeline.api.datasets:label_meshes",
     "labels": "pipeline.api.labelling:labels",
     "repair": "pipeline.api.meshes:repair",
     "signed_distance": "pipeline.api.labelling:signed_distance",

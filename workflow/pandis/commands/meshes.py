@@ -9,8 +9,8 @@ from pandis.base.errors import ConfigError, PandisError, RepairError
 from pandis.base.files import check_output
 from pandis.commands import FINE, REFUSED, UNFIT, USAGE
 from pandis.commands.options import add_model, add_set, as_flags, options_of
-from pandis.pipeline.api.labelling import DEFAULTS
 from pandis.pipeline.api.writing import mesh_format
+from pandis.pipeline.run.ask.datasets import LABELS
 from pandis.pipeline.run.ask.sourcing import stem_of
 
 _EXAMPLES = {
@@ -69,7 +69,7 @@ def add_options(name, parser):
     parser.add_argument("--json", action="store_true", help="print a JSON list, one entry per mesh")
     parser.add_argument("--quiet", action="store_true", help="print no progress")
     for section in _SECTIONS[name]:
-        add_model(parser, section, defaults=DEFAULTS if name == "labels" else None)
+        add_model(parser, section, defaults=LABELS if name == "labels" else None)
     parser.set_defaults(run=lambda words: _Command(name, words).run())
 
 

@@ -15,6 +15,7 @@ from pandis.pipeline.api.running import stages
 from pandis.pipeline.api.writing import write_arrays
 from pandis.pipeline.geometry.body import Body
 from pandis.pipeline.geometry.strata import STRATA
+from pandis.pipeline.run.ask.datasets import LABELS
 from pandis.pipeline.run.records.mesh import MeshRecord
 from pandis.runtime.field import Floats
 from pandis.runtime.field.points import as_rows
@@ -26,11 +27,6 @@ else:
 
 #: Bytes of memory that a point takes while it is drawn, labelled and converted.
 _BYTES = 200
-#: Counts of points by default: those of the strata that neural distances are trained on.
-DEFAULTS = {
-    "surface": 100_000, "near": 200_000, "volume": 50_000, "offsets": 0, "shallow": 0,
-    "penetration": 0, "bent": 0, "core": 0, "box": 0, "held_out": 0,
-}  # fmt: skip
 
 
 class Labels(NamedTuple):
@@ -95,9 +91,9 @@ def labels(mesh: object, /, *, log: Log | None = None, **options: object) -> Lab
         The mesh cannot be read or repaired; the message says why, and which option would help.
     """
     config = sections(options, ("mesh", "samples"))
-    counts = DEFAULTS | config.get("samples", {})
-    _check_counts([counts[name] for name in DEFAULTS])
-    config |= {"samples": DEFAULTS | config.get("samples", {}), "fields": ["exact"]}
+    counts = LABELS | config.get("samples", {})
+    _check_counts([counts[name] for name in LABELS])
+    config |= {"samples": LABELS | config.get("samples", {}), "fields": ["exact"]}
     with stages(mesh, config, log) as run:
         samples = run.artifact("samples")
         repaired = MeshRecord.of(run.artifact("mesh"))

@@ -50,17 +50,50 @@ class _Names(dict):
         return iter(self.values())
 
 
-class _Injected:
-    """What a script finds as ``snakemake``: see `pandis.pipeline.run.job.stage.stage`."""
+class Script:
+    """What a script finds as ``snakemake``: see `pandis.pipeline.run.job.stage.stage`.
 
-    threads, resources, stage = 2, {}, staticmethod(here)
+    Parameters
+    ----------
+    script : str
+        Name of the stage.
+    wildcards : dict of str to str
+    outputs : list of Path
+    folder : Path
+        The results folder.
+    options : dict, optional
+        Options of the job, as plain data.
+    """
 
-    def __init__(self, script, output, show):
-        self.script, self.show = script, show
+    threads, resources, stage, show = 2, {}, staticmethod(here), staticmethod(print)
+
+    def __init__(self, script, wildcards, outputs, *, folder, options=None):
+        self.script, self.output = script, [str(path) for path in outputs]
         self.scriptdir = str(workflow_folder().parent / "scripts")
-        self.output = [str(output)]
-        self.input, self.wildcards, self.params = _Names(), _Names(), _Names()
-        self.log = []
+        self.wildcards, self.input = _Names(wildcards), _Names()
+        self.params = _Names(options=options)
+        self.log = [f"{folder}/logs/{'/'.join(wildcards.values())}/{outputs[0].name}.log"]
+
+
+def run(script, log):
+    """Run a script in this process.
+
+    Raises
+    ------
+    PandisError
+        As from the stage; or a package is missing.
+    """
+    code = Path(script.scriptdir, f"{script.script}.py")
+    script.show = log
+    try:
+        with _ONE_AT_A_TIME:
+            exec(compile(code.read_text(encoding="utf-8"), code, "exec"), {"snakemake": script})
+    except ModuleNotFoundError as error:
+        if str(error.name).partition(".")[0] == "pandis":
+            raise
+        raise PandisError(
+            f"this needs the package {error.name}: pip install 'pandis-fields[workflow]'"
+        ) from None
 
 
 class Stages:
@@ -114,10 +147,8 @@ class Stages:
 
     def _run(self, stage, wildcards, path):
         path.parent.mkdir(parents=True, exist_ok=True)
-        script = _Injected(stage, path, self.log)
+        script = Script(stage, {"mesh": self.mesh} | wildcards, [path], folder=self._results)
         script.input.update(self._inputs(stage, wildcards))
-        script.wildcards.update({"mesh": self.mesh} | wildcards)
-        script.log = [f"{self._results}/logs/{self.mesh}/{path.name}.log"]
         stem = wildcards.get("artifact") or f"model-{wildcards.get('recipe')}"
         built = {spec.artifact: spec for spec in field_holders(self.entry)}.get(stem)
         planned = PlannedJob(stage, self.mesh, self.entry, wildcards, built)
@@ -127,16 +158,7 @@ class Stages:
         if stage == "mesh":
             arrays = self.source.arrays is not None
             script.params["source"] = "" if arrays else SourceDigests().of(self.source.text)
-        code = Path(script.scriptdir, f"{stage}.py")
-        try:
-            with _ONE_AT_A_TIME:
-                exec(compile(code.read_text(encoding="utf-8"), code, "exec"), {"snakemake": script})
-        except ModuleNotFoundError as error:
-            if str(error.name).partition(".")[0] == "pandis":
-                raise
-            raise PandisError(
-                f"this needs the package {error.name}: pip install 'pandis-fields[workflow]'"
-            ) from None
+        run(script, self.log)
 
     def _inputs(self, stage, wildcards):
         """Make the inputs of a job, and return their paths by name."""

@@ -242,7 +242,8 @@ class Checker:
     def _companion(self, path):
         """Return the fault of a human-readable copy of an artifact's attributes, or None."""
         try:
-            attributes = read_artifact(path.with_suffix(".zarr.zip")).attributes
+            name = "index.zarr.zip" if path.name == "card.json" else f"{path.stem}.zarr.zip"
+            attributes = read_artifact(path.with_name(name)).attributes
             text = path.read_text(encoding="utf-8")
             if path.suffix == ".h":
                 return None if text == attributes["header"] else "differs from its artifact"

@@ -22,6 +22,19 @@ from pandis.base.children import python_path
 from pandis.pipeline.mesh.formats import FormatError, Reading
 from pandis.pipeline.mesh.formats import read as read_format
 
+#: Operations that can run in a process which is isolated itself: our own code, quick and harmless.
+_QUICK = {"read_file", "clean", "orient", "split"}
+_SETTINGS = {"isolated": True}
+
+
+def isolate(isolated):
+    """Set whether every operation has a process of its own; otherwise quick ones have none.
+
+    Starting a process takes longer than cleaning a small mesh. A worker that may crash, and whose
+    time and memory are limited, needs no second one.
+    """
+    _SETTINGS["isolated"] = isolated
+
 
 class ToolError(Exception):
     """A tool failed; the message is a short reason."""
@@ -110,6 +123,8 @@ def read(path, form, folder, *, seconds, memory_gb):
 
 def _run(operation, mesh, parameters, *, seconds, memory_gb, cpu_seconds=None):
     vertices, faces = mesh
+    if operation in _QUICK and not _SETTINGS["isolated"]:
+        return _here(operation, mesh, parameters)
     limit = int(memory_gb * 2**30)
 
     def restrict():
@@ -162,6 +177,27 @@ def _run(operation, mesh, parameters, *, seconds, memory_gb, cpu_seconds=None):
             unit = str(data.get("unit", "unknown"))
             notes = data["notes"].tolist() if "notes" in data else []
             return Reading(data["vertices"], data["faces"], data.get("materials"), notes, unit)
+
+
+def _here(operation, mesh, parameters):
+    """Run an operation in this process; raise what `_run` would."""
+    arrays = () if mesh[0] is None else mesh
+    try:
+        result = OPERATIONS[operation](*arrays, **parameters)
+    except MemoryError:
+        raise
+    except ModuleNotFoundError as error:
+        raise MissingError(str(error)) from None
+    except Exception as error:
+        raise ToolError(_in_one_line(error)) from None
+    if isinstance(result, Reading):
+        return result._replace(vertices=np.asarray(result.vertices, np.float64).reshape(-1, 3),
+                               faces=np.asarray(result.faces, np.int64).reshape(-1, 3))  # fmt: skip
+    return Reading(*result)
+
+
+def _in_one_line(error):
+    return " ".join(f"{type(error).__name__}: {error}".split())[:600]
 
 
 def read_file(path, form, folder):
@@ -346,7 +382,7 @@ def main(arguments):
         raise
     except Exception as error:
         # the parent quotes the last line of stderr
-        sys.exit(" ".join(f"{type(error).__name__}: {error}".split())[:600])
+        sys.exit(_in_one_line(error))
     arrays = {
         "vertices": np.asarray(vertices, np.float64).reshape(-1, 3),
         "faces": np.asarray(faces, np.int64).reshape(-1, 3),

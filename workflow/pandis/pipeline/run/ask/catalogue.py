@@ -7,7 +7,7 @@ from pandis.pipeline.run.ask.kinds import KINDS
 
 MESH_NAME = "[a-z][a-z0-9_-]*"
 #: Folders of ``results/`` that do not belong to a mesh.
-RESERVED_NAMES = ("logs", "benchmarks", "scenes", "native")
+RESERVED_NAMES = ("logs", "benchmarks", "scenes", "datasets", "native")
 #: All forms of fields, in the order in which tables list them.
 FORMS = (*(form for kind in KINDS.values() for form in kind.forms), AUTO)
 #: Kind of each form.

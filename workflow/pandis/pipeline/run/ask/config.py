@@ -14,6 +14,7 @@ from pydantic import BaseModel, Field, WithJsonSchema, field_validator, model_va
 
 from pandis.pipeline.run.ask.catalogue import MESH_NAME, in_order, parse_field
 from pandis.pipeline.run.ask.contacts import ContactOptions, SurfaceOptions
+from pandis.pipeline.run.ask.datasets import DatasetOptions
 from pandis.pipeline.run.ask.kind import AUTO
 from pandis.pipeline.run.ask.kinds import KINDS
 from pandis.pipeline.run.ask.options import (
@@ -213,7 +214,7 @@ class SceneOptions(Options):
 
 FOLDER = r"/?[A-Za-z0-9_][A-Za-z0-9._-]*(/[A-Za-z0-9_][A-Za-z0-9._-]*)*"
 #: Options of the whole file, which no mesh overrides.
-APART = ("meshes", "scenes", "results", "until", "pathvars")
+APART = ("meshes", "datasets", "scenes", "results", "until", "pathvars")
 ResultsFolder = Annotated[str, Field(pattern=f"^{FOLDER}$")]
 MeshName = Annotated[str, Field(pattern=f"^{MESH_NAME}$")]
 
@@ -233,8 +234,12 @@ class Config(StageOptions):
         "up to the `exports`; and, instead of the report, one table of all meshes: for large "
         "collections. null: make everything",
     )
-    meshes: Annotated[dict[MeshName, MeshEntry], Field(min_length=1)] = Field(
-        description="name: {source: …, and any option above that differs for this mesh}"
+    meshes: dict[MeshName, MeshEntry] = Field(
+        default_factory=dict,
+        description="name: {source: …, and any option above that differs for this mesh}",
+    )
+    datasets: dict[MeshName, DatasetOptions] = Field(
+        default_factory=dict, description="name: {source: …}; see `datasets`"
     )
     scenes: dict[MeshName, SceneOptions] = Field(
         default_factory=dict, description="name: {objects: …}; see `scenes`"

@@ -132,7 +132,9 @@ def load_config(raw, refused=None):
     meshes = raw.get("meshes")
     faults = stage_faults(StageOptions, top)
     merged = {}
-    if not isinstance(meshes, dict) or not meshes:
+    if not meshes and raw.get("datasets"):
+        meshes = {}
+    elif not isinstance(meshes, dict) or not meshes:
         needed = "at least one mesh is needed" if not meshes else "expected a mapping, not a list"
         faults["meshes"] = f"{needed}: `meshes: {{name: {{source: …}}}}`"
         meshes = {}

@@ -6,7 +6,7 @@ make its stage stale when they change. Like the models of the configuration, it 
 checks values, so it does not count as a part of a stage's code.
 """
 
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 from pydantic import Field
 
@@ -196,3 +196,28 @@ class VerifyTask(Options):
 
     configfiles: list[str]
     store: str = ""
+
+
+class ShardTask(Options):
+    """Label the meshes of one shard of a data set; ``members`` is a digest of their list."""
+
+    source: str
+    table: str | None
+    override: dict[str, dict[str, dict[str, Any]]]
+    mesh: MeshOptions
+    samples: SampleOptions
+    seed: int
+    chunk: int
+    seconds: float
+    memory_gb: float
+    shard: int
+    shards: int
+    members: str
+
+
+class DatasetTask(Options):
+    """Write the index and the card of a data set of so many ``shards``."""
+
+    dataset: str
+    source: str
+    shards: int

@@ -15,6 +15,7 @@ from pandis.pipeline.run.ask.kinds import KINDS
 from pandis.pipeline.run.ask.reading import last_target, load_config, results_folder
 from pandis.pipeline.run.ask.sourcing import source_fault
 from pandis.pipeline.run.ask.tasks import PlacedObject, SceneTask
+from pandis.pipeline.run.plan.datasets import load_datasets
 
 
 def load_scenes(raw, entries):
@@ -130,7 +131,8 @@ def all_faults(config):
     meshes, faults = config.get("meshes"), {}
     meshes = meshes if isinstance(meshes, dict) else {}
     nameless = dict.fromkeys(meshes)  # scenes are read without the options of their meshes
-    readers = results_folder, last_target, load_config, partial(load_scenes, entries=nameless)
+    readers = (results_folder, last_target, load_config, load_datasets,
+               partial(load_scenes, entries=nameless))  # fmt: skip
     for reader in readers:
         try:
             reader(config)

@@ -28,11 +28,12 @@ from pandis.pipeline.run.ask.sourcing import (
 )
 from pandis.pipeline.run.ask.tasks import CalibrateTask, RefuseTask, SummaryTask, VerifyTask
 from pandis.pipeline.run.job.provenance import CodeDigests, needs
+from pandis.pipeline.run.plan.datasets import Datasets
 from pandis.pipeline.run.plan.placing import all_faults, load_scenes, needed, scene_task
 from pandis.pipeline.run.plan.stages import STAGES, PlannedJob
 
 #: Named targets of the stages and of the scenes.
-TARGETS = {*(row.target for row in STAGES.values() if row.target), "scenes"}
+TARGETS = {*(row.target for row in STAGES.values() if row.target), "scenes", "datasets"}
 #: Targets that `until: exports` leaves out: fields are not measured, stressed or timed.
 JUDGING = ("evaluations", "hardware")
 #: Targets that `until: meshes` and `until: samples` make; None is that of downloads.
@@ -75,6 +76,7 @@ class Plan:
         self.files = [os.path.relpath(path) for path in files]
         for path in self.files:
             check_yaml(path)
+        self.sources = SourceDigests()
         #: For each mesh that cannot be built, the reason. Its job reports the reason and fails.
         self.refused = {}
         try:
@@ -84,12 +86,12 @@ class Plan:
             self.until = last_target(config)
             self.entries = self._buildable(load_config(config, self.refused))
             self.scenes = load_scenes(config, self.entries)
+            self.datasets = Datasets(config, self.sources)
         except ConfigError as error:
             raise_faults(error.faults | all_faults(config))
         #: Only the meshes and fields that scenes need; without scenes, all.
         self.needed = needed(self.entries, self.scenes)
         self.digests = CodeDigests(folder)
-        self.sources = SourceDigests()
         self._options, self._codes = {}, {}
         self.store = store
         #: When planning began, seconds since the epoch.
@@ -104,7 +106,7 @@ class Plan:
                 good[mesh] = entry
             else:
                 self.refused[mesh] = f"meshes.{mesh}.{fault}"
-        if not good:
+        if self.refused and not good:
             lines = "\n".join(f"  {why}" for why in self.refused.values())
             raise PandisError(f"no mesh can be built:\n{lines}")
         return good
@@ -122,6 +124,8 @@ class Plan:
     @property
     def final(self):
         """The outputs that cover the whole run."""
+        if not self.entries:  # there are only data sets, which have cards
+            return ()
         makers = ("collection", "collection") if self.until else ("summary", "report")
         return Output(self.summary, makers[0], {}), Output(self.report, makers[1], {})
 
@@ -191,6 +195,8 @@ class Plan:
         """
         if name not in TARGETS:
             return [output.path for output in self.everything()]
+        if name == "datasets":
+            return [output.path for output in self.dataset_outputs()]
         every = [output for mesh in self.entries for output in self.outputs(mesh)]
         every += self.scene_outputs()
         if name == "samples":  # asked for by name, they need no network
@@ -206,7 +212,7 @@ class Plan:
         if self.until:
             every = list({o.path: o for o in every if self._comes(o.stage)}.values())
         if not self.scenes:
-            return [*every, *self.refusals(), *self.final]
+            return [*every, *self.dataset_outputs(), *self.refusals(), *self.final]
         return [*(o for o in every if STAGES[o.stage].in_scenes), *self.scene_outputs()]
 
     def _samples(self, mesh):
@@ -223,6 +229,11 @@ class Plan:
             Output(f"{self.folder}/{mesh}/refused", "refuse", {"mesh": mesh})
             for mesh in self.refused
         ]
+
+    def dataset_outputs(self):
+        """Return the outputs of all data sets."""
+        outputs = self.datasets.outputs()
+        return [Output(f"{self.folder}/{path}", *job) for path, *job in outputs]
 
     def scene_outputs(self):
         """Return the outputs of all scenes."""
@@ -326,6 +337,12 @@ class Plan:
         """Return the path of the file ``stem`` of every mesh."""
         return [f"{self.folder}/{mesh}/{stem}" for mesh in self.entries]
 
+    def shards(self, wildcards):
+        """Return the shards of a data set."""
+        outputs = self.dataset_outputs()
+        return [o.path for o in outputs
+                if o.stage == "shard" and o.wildcards["dataset"] == wildcards.dataset]  # fmt: skip
+
     # --- params of rules ---------------------------------------------------------
 
     def code(self, stage):
@@ -361,6 +378,8 @@ class Plan:
             return CalibrateTask(table=QUERY_TIMES)
         if stage == "scene":
             return scene_task(self.scenes[wildcards["scene"]], self.entries)
+        if stage in ("shard", "dataset"):
+            return getattr(self.datasets, stage)(*wildcards.values())
         if mesh is None:
             return SummaryTask(fields={name: entry.fields for name, entry in self.entries.items()})
         if stage == "refuse":

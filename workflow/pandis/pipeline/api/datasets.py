@@ -1,0 +1,137 @@
+"""Labels many meshes into one store, with the workflow's own stages."""
+
+import json
+import os
+from os import PathLike
+from pathlib import Path
+
+from pandis.base.errors import PandisError
+from pandis.base.files import write_atomically
+from pandis.base.progress import Log
+from pandis.base.workflow import workflow_folder
+from pandis.pipeline.api.options import sections
+from pandis.pipeline.api.running import Script, run
+from pandis.pipeline.dataset.reading import LabelStore, read_provenance
+from pandis.pipeline.run.ask.config import plain
+from pandis.pipeline.run.ask.datasets import DatasetOptions
+from pandis.pipeline.run.ask.faults import faults_of, raise_faults
+from pandis.pipeline.run.job.provenance import CodeDigests, needs
+from pandis.pipeline.run.plan.datasets import dataset_task, option_faults, plan_dataset, shard_task
+
+#: Options of a data set that can be passed by their names, beside those of `mesh` and `samples`.
+PLAIN = ("table", "override", "shards", "chunk", "seconds", "memory_gb")
+#: Options with which a store was begun; another set of them is refused.
+_BEGUN = "options.json"
+
+
+def label_meshes(
+    source: str | PathLike[str],
+    store: str | PathLike[str],
+    *,
+    workers: int | None = None,
+    force: bool = False,
+    log: Log | None = None,
+    **options: object,
+) -> LabelStore:
+    """Repair and label every mesh of a folder, list, table or archive, and store the rows.
+
+    A call that was stopped goes on where it was. A mesh that fails is listed in the store with the
+    reason, and is tried again only if its file, the options or the code change.
+
+    Parameters
+    ----------
+    source : path-like
+        See `datasets` in config/README.md.
+    store : path-like
+        The folder to write, such as ``parts.zarr``.
+    workers : int, optional
+        Meshes at a time; by default one per core.
+    force : bool
+        Whether to go on in a store that was made with other options; its rows are made anew.
+    log : callable, optional
+        Receives lines about the progress.
+    **options
+        Options of a data set (`table`, `override`, `shards`, `chunk`, `seconds`, `memory_gb`), of
+        `mesh` and `samples`, and ``seed``.
+
+    Raises
+    ------
+    PandisError
+        The source cannot be read, an option is wrong, or the store was made with other options.
+    """
+    config = {key: options.pop(key) for key in PLAIN if key in options}
+    config |= sections(options, ("mesh", "samples")) | {"source": os.fspath(source)}
+    raise_faults(faults_of(DatasetOptions, config))
+    dataset = DatasetOptions.model_validate({"seed": 0} | config)
+    raise_faults(option_faults(dataset))
+    folder, log = Path(store), log or (lambda text: None)
+    name = folder.stem
+    planned = plan_dataset(name, dataset)
+    _begin(folder, dataset, force=force)
+    tasks = [shard_task(planned, number) for number in range(len(planned.shards))]
+    count = sum(map(len, planned.shards))
+    log(f"{count} meshes in {len(tasks)} {'shards' if len(tasks) > 1 else 'shard'}")
+    paths = [folder / f"shards/{number:05}.zarr.zip" for number in range(len(tasks))]
+    for number, (path, task) in enumerate(zip(paths, tasks, strict=True)):
+        wildcards = {"dataset": name, "shard": f"{number:05}"}
+        script = Script("shard", wildcards, [path], folder=folder, options=plain(task))
+        script.threads = workers or len(os.sched_getaffinity(0))
+        _build(script, log)
+    outputs = [folder / file for file in ("index.zarr.zip", "card.html", "card.json")]
+    options = plain(dataset_task(planned))
+    script = Script("dataset", {"dataset": name}, outputs, folder=folder, options=options)
+    script.input.update(enumerate(map(str, paths)))
+    _build(script, log, always=True)
+    return LabelStore(folder)
+
+
+def _begin(folder, dataset, *, force):
+    """Refuse a store of other options, or what is no store; note the options of a new one."""
+    begun = folder / _BEGUN
+    values = dataset.model_dump(exclude={"seconds", "memory_gb", "shards"})
+    text = json.dumps(plain(values), indent=1) + "\n"
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        stored = begun.read_text(encoding="utf-8") if begun.is_file() else None
+        strangers = stored is None and any(folder.iterdir())
+    except OSError as error:
+        raise PandisError(f"{folder}: cannot be written: {error.strerror}") from error
+    if strangers:
+        raise PandisError(f"{folder} contains other files than a store; name a new folder")
+    if stored not in (None, text):
+        if not force:
+            raise PandisError(
+                f"{folder} was made with other options ({_differences(stored, values)}); name "
+                "another folder, or make its rows anew with --force (force=True)"
+            )
+        for name in ("index.zarr.zip", "card.html", "card.json"):
+            (folder / name).unlink(missing_ok=True)
+    write_atomically(begun, text.encode())
+
+
+def _differences(stored, values):
+    try:
+        before = json.loads(stored)
+    except ValueError:
+        before = {}
+    now = plain(values)
+    names = []
+    for key in now:
+        if isinstance(now[key], dict) and isinstance(before.get(key), dict):
+            names += [f"{key}.{k}" for k in now[key] if now[key][k] != before[key].get(k)]
+        elif now[key] != before.get(key):
+            names.append(key)
+    return ", ".join(names)
+
+
+def _build(script, log, *, always=False):
+    """Run a script unless its output is there, of the same options and code."""
+    options = json.loads(json.dumps(script.params["options"]))
+    digests = CodeDigests(workflow_folder())
+    script.params["code"] = digests.stage(script.script, needs(options))
+    output = Path(script.output[0])
+    stored = read_provenance(output)
+    same = stored is not None and stored["options"] == options
+    if always or not same or stored["code"]["digest"] != script.params["code"]:
+        output.parent.mkdir(parents=True, exist_ok=True)
+        run(script, log)

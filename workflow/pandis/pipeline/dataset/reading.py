@@ -1,0 +1,202 @@
+"""Reads the store of a data set: the index, the meshes, and chunks of their rows."""
+
+import json
+import os
+import zipfile
+from os import PathLike
+from pathlib import Path
+
+import numpy as np
+
+from pandis.base.errors import ArtifactError, PandisError
+from pandis.base.streams import generator
+from pandis.pipeline.geometry.strata import STRATA
+from pandis.pipeline.run.job.artifact import check_seal, content_digest
+
+#: Arrays of a shard with a row for each point, and of each mesh.
+ROWS, MESH = ("points", "distance", "normal", "stratum", "doubt"), ("vertices", "faces")
+
+
+def read_attributes(path):
+    """Return the attributes of an artifact and its digest, without reading its arrays.
+
+    Raises
+    ------
+    ArtifactError
+        The file is missing or damaged, or the attributes are not those of the digest.
+    """
+    try:
+        with zipfile.ZipFile(path) as packed:
+            stored = json.loads(packed.read("zarr.json"))["attributes"]
+        content, attributes = stored["content"], stored["attributes"]
+        expected = content_digest(stored["kind"], content["arrays"], attributes)
+    except (OSError, KeyError, ValueError, zipfile.BadZipFile) as error:
+        raise ArtifactError(f"{path}: missing or damaged ({error}); build it again") from error
+    if content["digest"] != expected:
+        raise ArtifactError(f"{path}: its attributes differ from their digest; build it again")
+    return attributes, expected
+
+
+def read_provenance(path):
+    """Return the provenance of an artifact, or None if there is none or it is damaged."""
+    try:
+        with zipfile.ZipFile(path) as packed:
+            return json.loads(packed.read("zarr.json"))["attributes"]["provenance"]
+    except (OSError, KeyError, ValueError, zipfile.BadZipFile):
+        return None
+
+
+class Shard:
+    """A shard of a store: some meshes with their rows.
+
+    Parameters
+    ----------
+    path : path-like
+    check : bool
+        Whether to compare the file with its checksum first, which reads all of it.
+
+    Attributes
+    ----------
+    meshes : list of dict
+        Facts about each mesh.
+    chunk : int
+        Rows that are stored together.
+
+    Raises
+    ------
+    ArtifactError
+        The file is missing or damaged.
+    """
+
+    def __init__(self, path, *, check=False):
+        self.path, self._process = Path(path), None
+        if check:
+            check_seal(self.path)
+        self.attributes, self.digest = read_attributes(self.path)
+        self.meshes, self.chunk = self.attributes["meshes"], self.attributes["chunk"]
+
+    def read(self, name, start, stop):
+        """Return rows of an array."""
+        return self._open()[name][start:stop]
+
+    def _open(self):
+        """Return the arrays by name; opened anew in a forked process, which shares no position."""
+        if self._process != os.getpid():
+            import zarr
+            from zarr.storage import ZipStore
+
+            group = zarr.open_group(ZipStore(self.path, mode="r"), mode="r")
+            self._arrays = {name: group[name] for name in (*ROWS, *MESH, "ranges")}
+            self._ranges = self._arrays["ranges"][...].reshape(-1, 3, 2)
+            self._process = os.getpid()
+        return self._arrays
+
+    def part(self, index, names, *, start=0, stop=None):
+        """Return rows of arrays of one mesh: a dict by name."""
+        first, count = self._range(index, names[0])
+        stop = count if stop is None else min(stop, count)
+        return {name: self.read(name, first + start, first + stop) for name in names}
+
+    def arrays(self, index, *, rows=True):
+        """Return all arrays of one mesh, or only those of its solid."""
+        solid = {name: self.part(index, [name])[name] for name in MESH}
+        return (self.part(index, ROWS) if rows else {}) | solid
+
+    def _range(self, index, name):
+        self._open()
+        return self._ranges[index, 1 + MESH.index(name) if name in MESH else 0].tolist()
+
+
+class LabelStore:
+    """Points with exact labels, of many meshes.
+
+    As a sequence it has the chunks of all meshes: each item is a dict of arrays (`columns`), whose
+    rows are a random sample of one mesh. It can be passed to ``torch.utils.data.DataLoader`` with
+    ``batch_size=None``.
+
+    Parameters
+    ----------
+    path : path-like
+        The folder of a data set.
+    columns : sequence of str
+        ``points`` (n, 3) and ``normal`` (n, 3), float32; ``distance`` (n,), float32, negative
+        inside; ``stratum`` (n,), an index into `strata`; ``doubt`` (n,), bits: 1, two points of the
+        surface are closest; 2, the noise moved the point farther than the wall below it is thick.
+
+    Attributes
+    ----------
+    names : list of str
+        Meshes that have rows.
+    facts : dict of str to dict
+        What is known of each mesh: source, repair, deviation, frame, licence, …
+    failed : dict of str to dict
+        Of each mesh that came to nothing: ``stage``, ``reason``, ``option``.
+    strata : tuple of str
+
+    Raises
+    ------
+    PandisError
+        This is no store, or it is damaged.
+    """
+
+    strata = STRATA
+
+    def __init__(
+        self, path: str | PathLike[str], columns: tuple[str, ...] = ("points", "distance")
+    ) -> None:
+        self.path, self.columns = Path(path), tuple(columns)
+        unknown = set(self.columns) - set(ROWS)
+        if unknown:
+            raise PandisError(f"unknown columns {', '.join(sorted(unknown))}; there are {ROWS}")
+        index = self.path / "index.zarr.zip"
+        if not index.is_file():
+            raise PandisError(f"{path}: there is no index.zarr.zip: this is no finished data set")
+        stored, _ = read_attributes(index)
+        self.chunk, meshes = stored["chunk"], stored["meshes"]
+        self.facts = {mesh["name"]: mesh for mesh in meshes if "failed" not in mesh}
+        self.failed = {mesh["name"]: mesh["failed"] for mesh in meshes if "failed" in mesh}
+        self.names = list(self.facts)
+        counts = [-(-mesh["rows"] // self.chunk) for mesh in self.facts.values()]
+        self._ends = np.cumsum(counts)
+        self._shards = {}
+
+    def __len__(self) -> int:
+        return int(self._ends[-1]) if len(self._ends) else 0
+
+    def __getitem__(self, number: int) -> dict[str, np.ndarray]:
+        if not 0 <= number < len(self):
+            raise IndexError(number)
+        mesh = int(np.searchsorted(self._ends, number, side="right"))
+        first = int(self._ends[mesh - 1]) if mesh else 0
+        return self.rows(self.names[mesh], number - first)
+
+    def rows(self, name: str, chunk: int | None = None) -> dict[str, np.ndarray]:
+        """Return one chunk of a mesh's rows, unit frame; all of them without ``chunk``."""
+        shard, index = self._place(name)
+        if chunk is None:
+            return shard.part(index, self.columns)
+        start = chunk * self.chunk
+        return shard.part(index, self.columns, start=start, stop=start + self.chunk)
+
+    def draw(self, name: str, seed: int = 0) -> dict[str, np.ndarray]:
+        """Return a chunk of a mesh's rows that the seed chooses: a random sample of them."""
+        chunks = -(-self.facts[name]["rows"] // self.chunk)
+        return self.rows(name, int(generator(seed).integers(chunks)))
+
+    def mesh(self, name: str) -> tuple[np.ndarray, np.ndarray]:
+        """Return vertices (V, 3), mesh units, and faces (F, 3) of the solid that was labelled."""
+        shard, index = self._place(name)
+        return tuple(shard.part(index, [part])[part] for part in MESH)
+
+    def frame(self, name: str) -> tuple[np.ndarray, float]:
+        """Return centre and scale: ``(x - centre) * scale`` is in the unit frame."""
+        return np.array(self.facts[name]["centre"]), self.facts[name]["scale"]
+
+    def _place(self, name):
+        if name not in self.facts:
+            why = f": {self.failed[name]['reason']}" if name in self.failed else ""
+            raise PandisError(f"{self.path}: there are no rows of {name}{why}")
+        number, index = self.facts[name]["shard"]
+        if number not in self._shards:
+            self._shards[number] = Shard(self.path / f"shards/{number:05}.zarr.zip")
+        return self._shards[number], index

@@ -1,0 +1,212 @@
+"""The rows of one mesh: reads and repairs it, draws points, labels them, and shuffles them."""
+
+import tarfile
+import tempfile
+import zipfile
+from contextlib import contextmanager
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from pandis.base.errors import PandisError
+from pandis.base.streams import generator
+from pandis.pipeline.geometry.body import Body
+from pandis.pipeline.geometry.strata import STRATA, Strata
+from pandis.pipeline.geometry.thickness import are_walls, inscribed_radius
+from pandis.pipeline.mesh.build import build
+from pandis.pipeline.mesh.fetch import fetch
+from pandis.pipeline.run.ask.members import LARGEST, Member
+from pandis.pipeline.run.ask.options import SampleOptions
+from pandis.pipeline.run.ask.sourcing import format_of, source_digest, source_files, url_extension
+from pandis.pipeline.run.ask.tasks import MeshTask
+from pandis.pipeline.run.job.artifact import Artifact
+from pandis.pipeline.run.job.stage import silent_progress
+from pandis.pipeline.run.plan.stages import stage_seed
+from pandis.pipeline.run.records.mesh import MeshRecord
+
+#: Bits of ``doubt``: two points of the surface are closest, so the normal is arbitrary; and the
+#: wall below is thinner than the noise that moved the point, so it may be beyond the wall.
+TIED, THIN = 1, 2
+#: Stream of the order of the rows.
+_ORDER = 32
+#: Arrays with a row for each point, and those of the mesh: shapes of a row, types.
+ROWS = {
+    "points": ((3,), np.float32),
+    "distance": ((), np.float32),
+    "normal": ((3,), np.float32),
+    "stratum": ((), np.uint8),
+    "doubt": ((), np.uint8),
+}
+MESH = {"vertices": ((3,), np.float64), "faces": ((3,), np.int32)}
+#: Changed while it was being worked on.
+CHANGED = "its file was changed after this run was planned; run the same command again"
+
+
+class MeshRows(NamedTuple):
+    """What is stored of one mesh: its arrays (`ROWS`, `MESH`) and facts about it."""
+
+    arrays: dict
+    facts: dict
+
+
+def mesh_rows(member, mesh, samples, *, seed, note):
+    """Read, repair and label one mesh of a data set.
+
+    Parameters
+    ----------
+    member : Member
+    mesh, samples : dict
+        Options, as of the stages `mesh` and `sample`.
+    seed : int
+        Root of the data set's random numbers.
+    note : callable
+        Receives the name of each stage that begins.
+
+    Returns
+    -------
+    MeshRows
+        Points in the unit frame, exactly labelled as they are stored, in random order.
+
+    Raises
+    ------
+    PandisError
+        The mesh cannot be read or repaired.
+    """
+    note("read")
+    unit = member.unit or mesh["unit"]
+    with local_file(member) as path:
+        options = MeshTask(**mesh | {"unit": unit}, source=member.inside or member.source,
+                           sha256=None, seed=stage_seed(seed, member.name, "mesh"))  # fmt: skip
+        arrays, attributes = build(options, path, lambda text: note("repair"))
+    repaired = Artifact("mesh", arrays, attributes)
+    note("label")
+    body = Body.open(repaired)
+    strata = Strata(body, SampleOptions(**samples), stage_seed(seed, member.name, "sample"))
+    rows = _labelled(body, strata, generator(stage_seed(seed, member.name, "rows"), _ORDER))
+    shape = {"vertices": body.vertices, "faces": body.faces}
+    facts = {"rows": strata.count} | _facts(MeshRecord.of(repaired), body)
+    return MeshRows(rows | shape, facts)
+
+
+def _labelled(body, strata, rng):
+    columns = strata.arrays(silent_progress)
+    # the stage's rows on the surface have the distance 0; rounded points are off by a little
+    on_surface = columns["stratum"] == STRATA.index("surface")
+    points = columns["points"][on_surface].astype(np.float64)
+    if len(points):
+        columns["distance"][on_surface] = body.distance.label(points, ties=False).distance
+    doubt = TIED * (columns["tied"] > 0) + THIN * _beyond_walls(body, columns)
+    columns["doubt"] = doubt.astype(np.uint8)
+    order = rng.permutation(strata.count)
+    return {name: columns[name][order] for name in ROWS}
+
+
+def _beyond_walls(body, columns):
+    """Return a mask of the points that were moved farther than the wall below them is thick."""
+    moved = np.flatnonzero((columns["stratum"] == STRATA.index("near")) & (columns["face"] >= 0))
+    beyond = np.zeros(len(columns["face"]), bool)
+    if not len(moved):
+        return beyond
+    face = columns["face"][moved]
+    base, _ = body.surface.at(face, columns["barycentrics"][moved])
+    way = np.linalg.norm(columns["points"][moved] - base, axis=1)
+    used, index = np.unique(face, return_inverse=True)
+    middle, normal = body.surface.at(used, np.full((len(used), 2), 1 / 3, np.float32))
+    farthest = float(way.max()) / 2
+    radius = inscribed_radius(body.distance, middle, normal, largest=farthest)
+    thin = radius < farthest
+    wall = np.zeros(len(used), bool)
+    wall[thin] = are_walls(body.distance, middle[thin], normal[thin], radius=radius[thin])
+    beyond[moved] = (wall & thin)[index] & (2 * radius[index] < way)
+    return beyond
+
+
+def _facts(record, body):
+    """Return what the index says of a mesh."""
+    solid, after = record.solid, record.after
+    return {
+        "unit": record.source["unit"],
+        "format": record.source.get("format", ""),
+        "notes": record.source.get("notes", []),
+        "faults": record.faults_before,
+        "repair": [rung.operation for rung in record.rungs if rung.kept],
+        "kinds": solid.kinds if solid else {},
+        "invented": solid.invented if solid else 0.0,
+        "sheets": solid.sheets if solid else 0.0,
+        "doors": len(solid.doors) + len(solid.caps) if solid else 0,
+        "moved_percent": 0.0 if record.shape else 100 * record.moved / after["diagonal"],
+        "faces_read": record.before["faces"],
+        "faces": after["faces"],
+        "vertices": len(body.vertices),
+        "components": after["components"],
+        "genus": after["genus"],
+        "volume": after["volume"],
+        "area": after["area"],
+        "centre": [float(x) for x in body.frame.centre],
+        "scale": float(body.frame.scale),
+    }
+
+
+@contextmanager
+def local_file(member):
+    """Yield the path of a member's file, fetched or unpacked into a temporary folder if need be.
+
+    Raises
+    ------
+    PandisError
+        The file is not the one of the plan.
+    """
+    if not member.inside and not url_extension(member.source):
+        path = Path(member.source)
+        try:
+            same = source_digest(source_files(path)) == member.digest
+        except OSError as error:
+            raise PandisError(f"{CHANGED} ({error.strerror})") from None
+        if not same:
+            raise PandisError(CHANGED)
+        yield path
+        return
+    with tempfile.TemporaryDirectory(prefix="pandis-") as folder:
+        if member.inside:
+            path = Path(folder) / f"mesh.{_ending(member.inside)}"
+            _unpack(member, path)
+        else:
+            path = Path(folder) / f"mesh.{url_extension(member.source)}"
+            path.write_bytes(fetch(member.source, member.digest, silent_progress))
+        yield path
+
+
+def _ending(name):
+    return format_of(name) + (".gz" if name.lower().endswith(".gz") else "")
+
+
+def _unpack(member, path):
+    """Copy one file of an archive; its path in the archive is not used."""
+    try:
+        if member.source.lower().endswith(".zip"):
+            with zipfile.ZipFile(member.source) as archive:
+                info = archive.getinfo(member.inside)
+                if member.digest != f"crc32 {info.CRC:08x} {info.file_size}":
+                    raise PandisError(CHANGED)
+                with archive.open(info) as stream, path.open("wb") as target:
+                    _copy(stream, target)
+            return
+        with tarfile.open(member.source) as archive:
+            stream = archive.extractfile(member.inside)
+            with stream, path.open("wb") as target:
+                _copy(stream, target)
+    except (OSError, EOFError, KeyError, zipfile.BadZipFile, tarfile.TarError) as error:
+        raise PandisError(f"{member.source}: {member.inside} cannot be read ({error})") from error
+
+
+def _copy(stream, target):
+    while block := stream.read(1 << 20):
+        if target.tell() + len(block) > LARGEST:
+            raise PandisError(f"it unpacks to more than {LARGEST >> 30} GiB")
+        target.write(block)
+
+
+def member_of(values):
+    """Return a `Member` from plain data."""
+    return Member(**{key: values[key] for key in Member._fields})

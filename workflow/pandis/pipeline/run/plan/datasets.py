@@ -1,0 +1,176 @@
+"""The data sets of a configuration: their options, meshes, shards and outputs."""
+
+import re
+from functools import cached_property
+from pathlib import Path
+from typing import NamedTuple
+
+from pandis.base.errors import PandisError
+from pandis.pipeline.run.ask.catalogue import MESH_NAME
+from pandis.pipeline.run.ask.datasets import LABELS, DatasetOptions
+from pandis.pipeline.run.ask.faults import faults_of, raise_faults
+from pandis.pipeline.run.ask.members import list_digest, members
+from pandis.pipeline.run.ask.options import MeshOptions, SampleOptions
+from pandis.pipeline.run.ask.sharding import shard_count, shard_of
+from pandis.pipeline.run.ask.tasks import DatasetTask, ShardTask
+
+
+class PlannedDataset(NamedTuple):
+    """A data set: its options, and its meshes by shard."""
+
+    name: str
+    options: object
+    shards: list
+
+
+class Datasets:
+    """The data sets of a configuration.
+
+    Parameters
+    ----------
+    config : dict
+        The parsed configuration.
+    digests : pandis.pipeline.run.ask.sourcing.SourceDigests
+
+    Raises
+    ------
+    ConfigError
+        The options have faults, or a source cannot be read; the message lists all.
+    """
+
+    def __init__(self, config, digests):
+        self.options, self._digests = load_datasets(config), digests
+
+    @cached_property
+    def planned(self):
+        """Each data set by name, with its meshes; searched for when first needed."""
+        planned, faults = {}, {}
+        for name, options in self.options.items():
+            try:
+                planned[name] = plan_dataset(name, options, self._digests)
+            except PandisError as error:
+                faults[f"datasets.{name}"] = str(error)
+        raise_faults(faults)
+        return planned
+
+    def outputs(self):
+        """Return path (relative to the results), stage and wildcards of every output."""
+        outputs = []
+        for name, dataset in self.planned.items():
+            folder = f"datasets/{name}"
+            outputs += [
+                (f"{folder}/shards/{k:05}.zarr.zip", "shard", {"dataset": name, "shard": f"{k:05}"})
+                for k in range(len(dataset.shards))
+            ]
+            outputs += [(f"{folder}/{file}", "dataset", {"dataset": name})
+                        for file in ("index.zarr.zip", "card.html", "card.json")]  # fmt: skip
+        return outputs
+
+    def shard(self, name, number):
+        """Return the options of a shard."""
+        return shard_task(self.planned[name], int(number))
+
+    def dataset(self, name):
+        """Return the options of the stage that writes the index and the card."""
+        return dataset_task(self.planned[name])
+
+
+def plan_dataset(name, options, digests=None):
+    """Search the meshes of a data set and divide them among shards.
+
+    Raises
+    ------
+    PandisError
+        As from `pandis.pipeline.run.ask.members.members`.
+    """
+    listed = members(options, digests)
+    _check_names(options, listed)
+    shards = [[] for _ in range(options.shards or shard_count(len(listed)))]
+    for member in listed:
+        shards[shard_of(member.name, len(shards))].append(member)
+    return PlannedDataset(name, options, shards)
+
+
+def dataset_task(dataset):
+    """Return the `DatasetTask` of a `PlannedDataset`."""
+    shards = len(dataset.shards)
+    return DatasetTask(dataset=dataset.name, source=dataset.options.source, shards=shards)
+
+
+def shard_task(dataset, number):
+    """Return the `ShardTask` of a shard of a `PlannedDataset`."""
+    options, listed = dataset.options, dataset.shards[number]
+    common = options.model_dump(include=set(ShardTask.model_fields) - {"override", "shards"})
+    overrides = {
+        name: options.override[name].model_dump(exclude_defaults=True)
+        for name in sorted({member.name for member in listed} & set(options.override))
+    }
+    return ShardTask(
+        **common,
+        override=overrides,
+        shard=number,
+        shards=len(dataset.shards),
+        members=list_digest(listed),
+    )  # fmt: skip
+
+
+def load_datasets(raw):
+    """Validate the data sets of a configuration.
+
+    Parameters
+    ----------
+    raw : dict
+        The parsed YAML.
+
+    Returns
+    -------
+    dict of str to DatasetOptions
+
+    Raises
+    ------
+    ConfigError
+        There are faults; the message lists all, each with its dotted path.
+    """
+    sections, faults, datasets = raw.get("datasets") or {}, {}, {}
+    if not isinstance(sections, dict):
+        sections, faults["datasets"] = {}, "expected a mapping: {name: {source: FOLDER}}"
+    for name, section in sections.items():
+        path = f"datasets.{name}"
+        if not re.fullmatch(MESH_NAME, str(name)):
+            faults[path] = "a data set's name must start with a-z; the rest may be a-z, 0-9, - or _"
+            continue
+        wrong = faults_of(DatasetOptions, section if isinstance(section, dict) else {})
+        if not wrong:
+            wrong = option_faults(DatasetOptions.model_validate(section))
+        faults |= {f"{path}.{key}": why for key, why in wrong.items()}
+        if not wrong:
+            options = DatasetOptions.model_validate(section)
+            seed = raw.get("seed", 0) if options.seed is None else options.seed
+            datasets[name] = options.model_copy(update={"seed": seed})
+    raise_faults(faults)
+    return datasets
+
+
+def option_faults(options):
+    """Return the faults that the model of a data set does not see, by key."""
+    faults = {}
+    counts = options.samples.model_dump()
+    if not any(counts[name] for name in LABELS):
+        faults["samples"] = "no points: set surface, near or volume"
+    for name, override in options.override.items():
+        for part, model in (("mesh", MeshOptions), ("samples", SampleOptions)):
+            base = getattr(options, part).model_dump()
+            wrong = faults_of(model, base | getattr(override, part))
+            faults |= {f"override.{name}.{part}.{key}": why for key, why in wrong.items()}
+    for key in ("source", "table"):
+        path = getattr(options, key)
+        if path and not any(c in path for c in "*?[") and not Path(path).exists():
+            faults[key] = f"there is no file or folder '{path}' (looked in {Path.cwd()})"
+    return faults
+
+
+def _check_names(options, listed):
+    """Refuse overrides of meshes that are not in the source."""
+    unknown = sorted(set(options.override) - {member.name for member in listed})
+    if unknown:
+        raise PandisError(f"override: there is no mesh {', '.join(unknown)} in {options.source}")
