@@ -6,7 +6,7 @@ rule shard:
     benchmark:
         "<results>/benchmarks/datasets/{dataset}/{shard}.jsonl"
     conda:
-        "../workflow/envs/samples.yaml"
+        "../workflow/envs/datasets.yaml"
     threads: 2
     resources:
         mem_mb=8000,
@@ -32,7 +32,7 @@ rule dataset:
     benchmark:
         "<results>/benchmarks/datasets/{dataset}/dataset.jsonl"
     conda:
-        "../workflow/envs/report.yaml"
+        "../workflow/envs/datasets.yaml"
     resources:
         mem_mb=4000,
         runtime=30,

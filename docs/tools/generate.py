@@ -11,11 +11,13 @@ import subprocess
 import sys
 from pathlib import Path
 
+from pydantic import BaseModel
+
 import api
 import charts
 import tables
 from environments import environments
-from pandis.pipeline.run.ask import config, contacts, options, recipes, targets
+from pandis.pipeline.run.ask import config, contacts, datasets, options, recipes, targets
 from pandis.pipeline.run.job.machine import describe
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -95,6 +97,8 @@ _SECTIONS = {
     "hardware.attached": options.AttachedOptions,
     "scenes.{scene}": config.SceneOptions,
     "scenes.{scene}.objects.{object}": config.SceneObject,
+    "datasets.{dataset}": datasets.DatasetOptions,
+    "datasets.{dataset}.override.{mesh}": datasets.Override,
 }
 
 
@@ -143,6 +147,8 @@ def _default(model, key, field):
     if field.is_required():
         return "must be given"
     default = field.get_default(call_default_factory=True)
+    if isinstance(default, BaseModel):
+        default = default.model_dump(exclude_defaults=True)
     return f"`{json.dumps(default)}`"
 
 

@@ -14,6 +14,7 @@ COMMANDS = {
     "repair": ("meshes", "make meshes closed and valid"),
     "field": ("meshes", "make the field of a mesh: a .pandis file"),
     "labels": ("meshes", "draw points and label them with exact distances and normals"),
+    "layout": ("datasets", "write a data set in a layout that others' training code reads"),
     "compare": ("meshes", "measure the errors of a field against its mesh"),
     "run": ("workflow", "run the whole workflow on meshes, with its report"),
     "view": ("files", "touch an object's fields in a browser"),

@@ -7,7 +7,7 @@ from pathlib import Path
 import pandis
 from pandis.base.errors import ConfigError, PandisError, RepairError
 from pandis.base.files import check_output
-from pandis.commands import FINE, REFUSED, UNFIT, USAGE
+from pandis.commands import FINE, REFUSED, UNFIT, USAGE, datasets
 from pandis.commands.options import add_model, add_set, as_flags, options_of
 from pandis.pipeline.api.writing import mesh_format
 from pandis.pipeline.run.ask.datasets import LABELS
@@ -17,7 +17,7 @@ _EXAMPLES = {
     "check": "pandis check part.stl\n  pandis check --json parts/*.stl",
     "repair": "pandis repair part.stl -o closed.ply\n  pandis repair --open cap *.ply -o out/",
     "field": 'pandis field part.stl\n  pandis field part.stl --budget "20 mN, 500 kB"',
-    "labels": "pandis labels part.stl -o part.npz --near 400000",
+    "labels": "pandis labels part.stl -o part.npz\n  pandis labels parts/ -o parts.zarr",
     "compare": "pandis compare part.pandis part.stl",
 }
 #: Sections of the configuration whose options a command has.
@@ -68,6 +68,8 @@ def add_options(name, parser):
     parser.add_argument("--seed", type=int, help="root of all random numbers (0)")
     parser.add_argument("--json", action="store_true", help="print a JSON list, one entry per mesh")
     parser.add_argument("--quiet", action="store_true", help="print no progress")
+    if name == "labels":
+        datasets.add_store_options(parser)
     for section in _SECTIONS[name]:
         add_model(parser, section, defaults=LABELS if name == "labels" else None)
     parser.set_defaults(run=lambda words: _Command(name, words).run())
@@ -85,6 +87,8 @@ class _Command:
         words = self.words
         try:
             self.options = options_of(words, _SECTIONS[self.name])
+            if self.name == "labels" and datasets.is_store(words):
+                return datasets.label(words, self.options)
             outputs = self._outputs()
         except PandisError as error:
             print(f"error: {error}", file=sys.stderr)
@@ -106,8 +110,6 @@ class _Command:
         if self.name not in _ENDINGS:
             return [None] * len(words.meshes)
         output = Path(words.output or ".")
-        if output.suffix == ".zarr":
-            raise PandisError(f"{output}: a store of many meshes is not written by this command")
         several = len(words.meshes) > 1
         if several and words.name:
             raise PandisError("--name names one mesh: run the others apart")

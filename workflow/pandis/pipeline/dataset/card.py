@@ -57,9 +57,10 @@ def _row(mesh):
         option = ", ".join(f"{key}: {value}" for key, value in why["option"].items())
         cells = [0, 0, 0, "failed", f"{why['stage']}: {why['reason']}", option]
     else:
-        kinds = ", ".join(f"{count} {kind}" for kind, count in mesh["kinds"].items())
+        about = mesh["kinds"] or mesh["faults"]
+        counts = ", ".join(f"{count:,} {what}" for what, count in about.items())
         moved = float(f"{mesh['moved_percent']:.3g}")
-        cells = [mesh["rows"], mesh["faces"], moved, way_of(mesh), kinds or mesh["faults"],
+        cells = [mesh["rows"], mesh["faces"], moved, way_of(mesh), counts,
                  ", ".join(mesh["repair"])]  # fmt: skip
     return [mesh["name"], *cells, mesh["licence"], mesh["tags"]]
 

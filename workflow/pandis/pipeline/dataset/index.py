@@ -11,8 +11,6 @@ from pandis.pipeline.geometry.strata import STRATA
 
 #: Percentiles of the deviation that the card states.
 _PERCENTILES = (50, 95, 99, 100)
-#: Faults of a mesh as it was read: a count and its name.
-_FAULT = re.compile(r"([\d,]+) ([a-z][a-z -]*[a-z])")
 #: How a mesh became a solid, and the class of its components if the rung `solid` made it.
 _UNCHANGED, _EXACT, _SOLID = "valid as read", "repaired exactly", "solid"
 
@@ -67,7 +65,7 @@ def _summary(meshes):
     failed = [mesh for mesh in meshes if "failed" in mesh]
     faults, kinds = Counter(), Counter()
     for mesh in ready:
-        faults.update(name for _, name in _FAULT.findall(mesh["faults"]))
+        faults.update(mesh["faults"].keys())
         kinds.update(mesh["kinds"])
     moved = [mesh["moved_percent"] for mesh in ready] or [0.0]
     return {

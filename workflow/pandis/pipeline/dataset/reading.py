@@ -131,6 +131,8 @@ class LabelStore:
         What is known of each mesh: source, repair, deviation, frame, licence, …
     failed : dict of str to dict
         Of each mesh that came to nothing: ``stage``, ``reason``, ``option``.
+    summary : dict
+        What the whole amounts to: counts of meshes, rows, ways of repair, faults and failures.
     strata : tuple of str
 
     Raises
@@ -152,7 +154,7 @@ class LabelStore:
         if not index.is_file():
             raise PandisError(f"{path}: there is no index.zarr.zip: this is no finished data set")
         stored, _ = read_attributes(index)
-        self.chunk, meshes = stored["chunk"], stored["meshes"]
+        self.chunk, meshes, self.summary = stored["chunk"], stored["meshes"], stored["summary"]
         self.facts = {mesh["name"]: mesh for mesh in meshes if "failed" not in mesh}
         self.failed = {mesh["name"]: mesh["failed"] for mesh in meshes if "failed" in mesh}
         self.names = list(self.facts)
@@ -191,6 +193,29 @@ class LabelStore:
     def frame(self, name: str) -> tuple[np.ndarray, float]:
         """Return centre and scale: ``(x - centre) * scale`` is in the unit frame."""
         return np.array(self.facts[name]["centre"]), self.facts[name]["scale"]
+
+    def export(
+        self, layout: str, folder: str | PathLike[str], seed: int = 0, **points: int
+    ) -> list[Path]:
+        """Write all meshes in a layout that others read, and return the files.
+
+        Parameters
+        ----------
+        layout : {"vecset", "hunyuan", "dora", "npz", "webdataset"}
+            That of 3DShape2VecSet, Hunyuan3D-2.1 or Dora, whose points are drawn anew; or the
+            stored rows, in a file for each mesh or a tar for each shard.
+        folder : path-like
+        seed : int
+        **points
+            Numbers of points drawn for each mesh: ``volume``, ``near``, ``surface``, ``sharp``.
+        """
+        from pandis.pipeline.dataset.layouts import Points, write_layout
+
+        unknown = sorted(set(points) - set(Points._fields))
+        if unknown:
+            raise PandisError(f"{unknown[0]}: there are points of {', '.join(Points._fields)}")
+        whole = LabelStore(self.path, ROWS)
+        return write_layout(whole, layout, folder, points=Points(**points), seed=seed)
 
     def _place(self, name):
         if name not in self.facts:

@@ -15,6 +15,7 @@ from pandis.pipeline.geometry.body import Body
 from pandis.pipeline.geometry.strata import STRATA, Strata
 from pandis.pipeline.geometry.thickness import are_walls, inscribed_radius
 from pandis.pipeline.mesh.build import build
+from pandis.pipeline.mesh.diagnosis import FAULTS
 from pandis.pipeline.mesh.fetch import fetch
 from pandis.pipeline.run.ask.members import LARGEST, Member
 from pandis.pipeline.run.ask.options import SampleOptions
@@ -129,7 +130,9 @@ def _facts(record, body):
         "unit": record.source["unit"],
         "format": record.source.get("format", ""),
         "notes": record.source.get("notes", []),
-        "faults": record.faults_before,
+        "faults": {
+            words: record.before[kind] for kind, words in FAULTS.items() if record.before[kind]
+        },
         "repair": [rung.operation for rung in record.rungs if rung.kept],
         "kinds": solid.kinds if solid else {},
         "invented": solid.invented if solid else 0.0,

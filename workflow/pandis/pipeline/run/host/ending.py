@@ -15,6 +15,9 @@ def farewell(plan):
         return f"\nThe results are in {_place(plan)}/"
     if plan.scenes:
         return f"\nThe scenes are in  {plan.folder}/scenes/"
+    cards = [f"{plan.folder}/datasets/{name}/card.html" for name in plan.datasets.options]
+    if not plan.entries:
+        return "".join(f"\nThe card is in     {card}" for card in cards)
     if not Path(plan.report).is_file() or Path(plan.report).stat().st_mtime < plan.start:
         return "Done. To make the report, run the target all or report."
     return (
