@@ -22,7 +22,7 @@ rule shard:
 
 rule dataset:
     input:
-        plan.shards,
+        plan.datasets.shards,
     output:
         "<results>/datasets/{dataset}/index.zarr.zip",
         "<results>/datasets/{dataset}/card.html",

@@ -7,9 +7,9 @@ from pandis.pipeline.run.ask.tasks import DatasetTask
 from pandis.pipeline.run.job.stage import stage
 
 with stage(snakemake, DatasetTask) as job:
-    arrays, attributes = collect(job.input, job.options, note=job.note_digest)
-    job.write("dataset", arrays, attributes)
-    page = build(attributes, job.input)
+    arrays, record = collect(job.input, job.options, note=job.note_digest)
+    job.write("dataset", arrays, record.attributes())
+    page = build(record, job.input)
     job.write_file(seal(page.encode(), job.provenance(), ".html"), 1)
-    job.write_file(to_json(attributes), 2)
+    job.write_file(to_json(record), 2)
     forget(job.input)

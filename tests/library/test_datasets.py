@@ -21,9 +21,10 @@ from pandis.base.errors import PandisError
 from pandis.pipeline.dataset.layouts import LAYOUTS
 from pandis.pipeline.dataset.pool import Lost, Pool
 from pandis.pipeline.dataset.reading import ROWS
+from pandis.pipeline.dataset.rows import Work
 from pandis.pipeline.geometry.strata import STRATA
 from pandis.pipeline.run.ask.datasets import DatasetOptions
-from pandis.pipeline.run.ask.members import RATIO, members
+from pandis.pipeline.run.ask.members import RATIO, Member, members
 from pandis.pipeline.run.ask.sharding import shard_count, shard_of
 from support import environment
 
@@ -69,11 +70,11 @@ def test_every_mesh_is_in_the_store_with_its_rows_or_its_reason(folder, tmp_path
     assert computed == 4
     assert store.names == ["box", "cup", "round/ball"]
     assert set(store.failed) == {"none"}
-    assert "no faces" in store.failed["none"]["reason"]
-    assert store.summary["ready"] == 3
-    assert store.summary["rows"] == 3 * 1200
-    assert store.facts["box"]["repair"] == []
-    assert store.facts["cup"]["kinds"] or store.facts["cup"]["repair"]
+    assert "no faces" in store.failed["none"].reason
+    assert store.summary.ready == 3
+    assert store.summary.rows == 3 * 1200
+    assert store.facts["box"].repair == []
+    assert store.facts["cup"].kinds or store.facts["cup"].repair
     assert (tmp_path / "parts.zarr/card.html").read_text().count("round/ball") >= 1
 
 
@@ -173,7 +174,7 @@ def test_adding_changing_removing_and_overriding_computes_that_mesh_alone(folder
     override = {"cup": {"mesh": {"open": "cap", "solid": "never"}}}
     store, computed = label(folder, path, override=override, force=True, **options)
     assert computed == 1
-    assert store.facts["cup"]["kinds"] == {}
+    assert store.facts["cup"].kinds == {}
     fresh, _ = label(folder, tmp_path / "fresh/parts.zarr", override=override, **options)
     assert files_of(fresh.path) == files_of(path)
 
@@ -238,17 +239,15 @@ def test_a_mesh_beyond_its_time_costs_itself_alone_and_is_tried_again_with_more(
     path = tmp_path / "parts.zarr"
     store, _ = label(folder, path, seconds=4)
     assert store.names == ["box", "cup", "round/ball"]
-    assert (
-        store.failed["soup"]["reason"] == "it took longer than 4 s; raise seconds of the data set"
-    )
+    assert store.failed["soup"].reason == "it took longer than 4 s; raise seconds of the data set"
     assert label(folder, path, seconds=4)[1] == 0
     assert label(folder, path, seconds=5)[1] == 1
 
 
 def test_a_process_that_ends_is_a_result():
-    task = {"member": None, "output": "nowhere"}  # raises before anything can be written
+    work = Work(Member("box", "none.ply"), {}, {}, 0, output="/nowhere/box.npz")
     pool = Pool(1, seconds=60, memory_gb=4)
-    answers = [answer for _, answer in pool.answers([task, task])]
+    answers = [answer for _, answer in pool.answers([work, work])]
     assert all(isinstance(answer, Lost) for answer in answers)
     assert "its process ended (status 1)" in str(answers[0])
 
@@ -256,7 +255,7 @@ def test_a_process_that_ends_is_a_result():
 def test_too_little_memory_is_a_result(folder, tmp_path):
     store, _ = label(folder, tmp_path / "parts.zarr", memory_gb=0.2)
     assert not store.names
-    assert all("memory_gb" in why["reason"] for why in store.failed.values())
+    assert all("memory_gb" in why.reason for why in store.failed.values())
 
 
 def test_a_store_of_other_options_is_not_mixed(folder, tmp_path):
@@ -267,7 +266,7 @@ def test_a_store_of_other_options_is_not_mixed(folder, tmp_path):
     assert files_of(store.path) == before
     changed, computed = label(folder, store.path, near=100, force=True)
     assert computed == 4
-    assert changed.summary["rows"] == 3 * 800
+    assert changed.summary.rows == 3 * 800
     (tmp_path / "other").mkdir()
     (tmp_path / "other/letter.txt").write_text("mine")
     with pytest.raises(PandisError, match="other files than a store"):
@@ -358,7 +357,7 @@ def test_an_archive_writes_nothing_outside_and_its_good_meshes_are_labelled(tmp_
             archive.addfile(link)
     store, _ = label(path, tmp_path / "all.zarr")
     assert store.names == ["good/a"]
-    reasons = [why["reason"] for why in store.failed.values()]
+    reasons = [why.reason for why in store.failed.values()]
     assert sum("leaves the archive" in why for why in reasons) == 2
     assert sum("is a link" in why for why in reasons) == 1
     assert sum("times its size" in why for why in reasons) == (ending == "zip")

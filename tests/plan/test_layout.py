@@ -13,7 +13,8 @@ PACKAGE = ROOT / "workflow/pandis"
 ORDER = (
     *("base", "engine", "runtime", "bridges"),
     *(f"pipeline.{name}" for name in (
-        "run", "geometry", "mesh", "kinds", "export", "judge", "report", "check", "api",
+        "run", "geometry", "mesh", "kinds", "export", "judge", "report", "dataset", "check",
+        "api",
     )),
     "commands",
     "__main__",

@@ -59,7 +59,7 @@ def test_plan_and_script_name_the_same_model():
     for stage in ("summary", "report", "collection", "verify", "calibrate"):
         assert type(made.stage_options(stage)) is script_model(stage)
         seen.add(stage)
-    others = {"fetch", "refuse", "scene"}  # of other configurations
+    others = {"fetch", "refuse", "scene", "shard", "dataset"}  # of other configurations
     assert seen | others == {path.stem for path in (ROOT / "scripts").glob("*.py")}
 
 

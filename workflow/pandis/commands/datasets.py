@@ -100,12 +100,12 @@ def label(words, options):
         return USAGE if isinstance(error, ConfigError) else REFUSED
     summary = store.summary
     if words.json:
-        print(json.dumps({"store": words.output} | summary, indent=2))
+        print(json.dumps({"store": words.output} | summary.model_dump(), indent=2))
     else:
         print(
-            f"{words.output}: {summary['ready']:,} of {summary['meshes']:,} meshes, "
-            f"{summary['rows']:,} points; see {words.output.rstrip('/')}/card.html"
+            f"{words.output}: {summary.ready:,} of {summary.meshes:,} meshes, "
+            f"{summary.rows:,} points; see {words.output.rstrip('/')}/card.html"
         )
-        for cause in summary["causes"]:
-            print(f"  {cause['count']:,} failed: {cause['stage']}: {cause['reason']}")
-    return UNFIT if summary["failed"] else FINE
+        for cause in summary.causes:
+            print(f"  {cause.count:,} failed: {cause.stage}: {cause.reason}")
+    return UNFIT if summary.failed else FINE

@@ -11,7 +11,6 @@ from matplotlib.image import imsave
 
 from pandis import __version__
 from pandis.base.frame import Frame
-from pandis.pipeline.dataset.index import way_of
 from pandis.pipeline.dataset.reading import Shard
 from pandis.pipeline.report.render import render
 
@@ -19,18 +18,17 @@ from pandis.pipeline.report.render import render
 _PICTURES, _SIDE = 48, 96
 
 
-def to_json(attributes):
-    """Return the index's attributes as the bytes of ``card.json``."""
-    return (json.dumps(attributes, indent=1, sort_keys=True) + "\n").encode()
+def to_json(record):
+    """Return the index's record as the bytes of ``card.json``."""
+    return (json.dumps(record.attributes(), indent=1, sort_keys=True) + "\n").encode()
 
 
-def build(attributes, shards):
+def build(record, shards):
     """Return the page as text.
 
     Parameters
     ----------
-    attributes : dict
-        From `pandis.pipeline.dataset.index.collect`.
+    record : pandis.pipeline.run.records.dataset.DatasetRecord
     shards : sequence of path-like
         The shards, in order, from which some meshes are drawn.
     """
@@ -38,50 +36,47 @@ def build(attributes, shards):
     template = jinja2.Environment(
         autoescape=True, undefined=jinja2.StrictUndefined, trim_blocks=True, lstrip_blocks=True
     ).from_string(text.read_text(encoding="utf-8"))
-    rows = [_row(mesh) for mesh in attributes["meshes"]]
     # "</" would end the script
-    data = json.dumps(rows, separators=(",", ":")).replace("</", "<\\/")
+    data = json.dumps([_row(mesh) for mesh in record.meshes], separators=(",", ":"))
     return template.render(
-        about=attributes,
-        summary=attributes["summary"],
-        pictures=_pictures(attributes["meshes"], shards),
-        data=data,
+        about=record,
+        summary=record.summary,
+        pictures=_pictures(record.meshes, shards),
+        data=data.replace("</", "<\\/"),
         version=__version__,
     )
 
 
 def _row(mesh):
     """Return the cells of a mesh in the table."""
-    if "failed" in mesh:
-        why = mesh["failed"]
-        option = ", ".join(f"{key}: {value}" for key, value in why["option"].items())
-        cells = [0, 0, 0, "failed", f"{why['stage']}: {why['reason']}", option]
+    if mesh.failed:
+        why = mesh.failed
+        option = ", ".join(f"{key}: {value}" for key, value in why.option.items())
+        cells = [0, 0, 0, "failed", f"{why.stage}: {why.reason}", option]
     else:
-        about = mesh["kinds"] or mesh["faults"]
+        about = mesh.kinds or mesh.faults
         counts = ", ".join(f"{count:,} {what}" for what, count in about.items())
-        moved = float(f"{mesh['moved_percent']:.3g}")
-        cells = [mesh["rows"], mesh["faces"], moved, way_of(mesh), counts,
-                 ", ".join(mesh["repair"])]  # fmt: skip
-    return [mesh["name"], *cells, mesh["licence"], mesh["tags"]]
+        moved = float(f"{mesh.moved_percent:.3g}")
+        cells = [mesh.rows, mesh.faces, moved, mesh.way, counts, ", ".join(mesh.repair)]
+    return [mesh.name, *cells, mesh.licence, mesh.tags]
 
 
 def _pictures(meshes, shards):
-    """Return pictures of meshes spread over the list, those made solid first."""
-    ready = [mesh for mesh in meshes if "failed" not in mesh]
-    solid = [mesh for mesh in ready if mesh["kinds"]]
-    exact = [mesh for mesh in ready if not mesh["kinds"]]
-    chosen = [*_spread(solid, _PICTURES // 2), *_spread(exact, _PICTURES // 2)]
+    """Yield pictures of meshes spread over the list, those made solid first."""
+    ready = [mesh for mesh in meshes if not mesh.failed]
+    solid = [mesh for mesh in ready if mesh.kinds]
+    exact = [mesh for mesh in ready if not mesh.kinds]
     opened = {}
-    for mesh in chosen:
-        number, index = mesh["shard"]
-        shard = opened.setdefault(number, Shard(shards[number]))
-        solid_mesh = shard.arrays(index, rows=False)
-        frame = Frame(np.array(mesh["centre"]), mesh["scale"])
-        image = render(frame.to_unit(solid_mesh["vertices"]), solid_mesh["faces"], _SIDE)
+    for mesh in [*_spread(solid, _PICTURES // 2), *_spread(exact, _PICTURES // 2)]:
+        number, place = mesh.shard
+        if number not in opened:
+            opened[number] = Shard(shards[number])
+        arrays = opened[number].arrays(place, rows=False)
+        corners = Frame(mesh.centre, mesh.scale).to_unit(arrays["vertices"])
         stream = io.BytesIO()
-        imsave(stream, image, format="png")
+        imsave(stream, render(corners, arrays["faces"], _SIDE), format="png")
         uri = f"data:image/png;base64,{base64.b64encode(stream.getvalue()).decode()}"
-        yield {"name": mesh["name"], "way": way_of(mesh), "uri": uri}
+        yield {"name": mesh.name, "way": mesh.way, "uri": uri}
 
 
 def _spread(items, count):

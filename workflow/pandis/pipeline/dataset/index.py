@@ -8,15 +8,14 @@ import numpy as np
 
 from pandis.pipeline.dataset.reading import Shard
 from pandis.pipeline.geometry.strata import STRATA
+from pandis.pipeline.run.records.dataset import Cause, DatasetRecord, Summary
 
 #: Percentiles of the deviation that the card states.
 _PERCENTILES = (50, 95, 99, 100)
-#: How a mesh became a solid, and the class of its components if the rung `solid` made it.
-_UNCHANGED, _EXACT, _SOLID = "valid as read", "repaired exactly", "solid"
 
 
 def collect(paths, options, *, note=lambda path, digest: None):
-    """Return the arrays and attributes of a data set's index.
+    """Return the arrays and the record of a data set's index.
 
     Parameters
     ----------
@@ -29,9 +28,8 @@ def collect(paths, options, *, note=lambda path, digest: None):
     Returns
     -------
     arrays : dict
-        ``shard`` and ``place`` (M,): the shard of each mesh and its number there; ``rows`` (M,).
-    attributes : dict
-        ``meshes``: facts about each, by name; ``summary``; ``strata``; ``chunk``; ``sign``.
+        ``shard`` and ``place`` (M,): the shard of each mesh and its place there; ``rows`` (M,).
+    record : DatasetRecord
 
     Raises
     ------
@@ -43,65 +41,60 @@ def collect(paths, options, *, note=lambda path, digest: None):
         shard = Shard(path)
         chunk = shard.chunk
         note(path, shard.digest)
-        meshes += [mesh | {"shard": [number, k]} for k, mesh in enumerate(shard.meshes)]
-    meshes.sort(key=lambda mesh: mesh["name"])
-    attributes = {
-        "dataset": options.dataset,
-        "source": options.source,
-        "meshes": meshes,
-        "summary": _summary(meshes),
-        "strata": list(STRATA),
-        "chunk": chunk,
-        "sign": "negative inside",
-        "frame": "points are (x - centre) * scale of each mesh; distances are multiplied by scale",
-    }
-    places = np.array([mesh["shard"] for mesh in meshes], np.int32).reshape(-1, 2)
-    rows = np.array([mesh.get("rows", 0) for mesh in meshes], np.int64)
-    return {"shard": places[:, 0], "place": places[:, 1], "rows": rows}, attributes
+        meshes += [mesh.model_copy(update={"shard": [number, place]})
+                   for place, mesh in enumerate(shard.meshes)]  # fmt: skip
+    meshes.sort(key=lambda mesh: mesh.name)
+    record = DatasetRecord(
+        dataset=options.dataset,
+        source=options.source,
+        meshes=meshes,
+        summary=_summary(meshes),
+        strata=STRATA,
+        chunk=chunk,
+    )
+    places = np.array([mesh.shard for mesh in meshes], np.int32).reshape(-1, 2)
+    rows = np.array([mesh.rows for mesh in meshes], np.int64)
+    return {"shard": places[:, 0], "place": places[:, 1], "rows": rows}, record
 
 
 def _summary(meshes):
-    ready = [mesh for mesh in meshes if "failed" not in mesh]
-    failed = [mesh for mesh in meshes if "failed" in mesh]
+    ready = [mesh for mesh in meshes if not mesh.failed]
+    failed = [mesh for mesh in meshes if mesh.failed]
     faults, kinds = Counter(), Counter()
     for mesh in ready:
-        faults.update(mesh["faults"].keys())
-        kinds.update(mesh["kinds"])
-    moved = [mesh["moved_percent"] for mesh in ready] or [0.0]
-    return {
-        "meshes": len(meshes),
-        "ready": len(ready),
-        "failed": len(failed),
-        "rows": sum(mesh["rows"] for mesh in ready),
-        "ways": dict(Counter(way_of(mesh) for mesh in ready)),
-        "faults": dict(faults.most_common()),
-        "components": dict(kinds),
-        "moved_percent": {str(p): float(np.percentile(moved, p)) for p in _PERCENTILES},
-        "causes": _causes(failed),
-        "licences": dict(Counter(mesh["licence"] or "not stated" for mesh in meshes)),
-    }
-
-
-def way_of(mesh):
-    """Return how a mesh became a solid."""
-    if mesh["kinds"]:
-        return _SOLID
-    return _EXACT if mesh["repair"] else _UNCHANGED
+        faults.update(mesh.faults.keys())
+        kinds.update(mesh.kinds)
+    moved = [mesh.moved_percent for mesh in ready] or [0.0]
+    return Summary(
+        meshes=len(meshes),
+        ready=len(ready),
+        failed=len(failed),
+        rows=sum(mesh.rows for mesh in ready),
+        ways=Counter(mesh.way for mesh in ready),
+        faults=dict(faults.most_common()),
+        components=kinds,
+        licences=Counter(mesh.licence or "not stated" for mesh in meshes),
+        moved_percent={str(p): float(np.percentile(moved, p)) for p in _PERCENTILES},
+        causes=_causes(failed),
+    )
 
 
 def _causes(failed):
     """Return failures by stage and reason, numbers and names apart, with what would help."""
     causes = {}
     for mesh in failed:
-        why = mesh["failed"]
-        reason = why["reason"].replace(mesh["source"], "").replace(mesh["inside"] or "\0", "")
+        why = mesh.failed
+        reason = why.reason
+        for name in filter(None, (mesh.source, mesh.inside)):
+            reason = reason.replace(name, "")
         reason = re.sub(r"\d[\d,.e+-]*", "…", reason).strip(": ")[:160]
-        cause = causes.setdefault((why["stage"], reason), {"count": 0, "example": mesh["name"]})
-        cause["count"] += 1
-        cause["option"] = why["option"]
-    rows = [{"stage": stage, "reason": reason} | cause
-            for (stage, reason), cause in causes.items()]  # fmt: skip
-    return sorted(rows, key=lambda row: (-row["count"], row["reason"]))
+        causes.setdefault((why.stage, reason), []).append(mesh)
+    rows = [
+        Cause(stage=stage, reason=reason, count=len(same), example=same[0].name,
+              option=same[0].failed.option)
+        for (stage, reason), same in causes.items()
+    ]  # fmt: skip
+    return sorted(rows, key=lambda row: (-row.count, row.reason))
 
 
 def forget(paths):

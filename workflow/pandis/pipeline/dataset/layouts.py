@@ -5,7 +5,6 @@ labels are exact at the points as they are written. Every file states the sign o
 """
 
 import io
-import json
 import tarfile
 from pathlib import Path
 from typing import NamedTuple
@@ -217,13 +216,13 @@ def _tars(store, folder, log):
     """Write a tar for each shard: two files for each mesh, its rows and its facts."""
     shards = {}
     for name in store.names:
-        shards.setdefault(store.facts[name]["shard"][0], []).append(name)
+        shards.setdefault(store.facts[name].shard[0], []).append(name)
     written = []
     for number, names in sorted(shards.items()):
         stream = io.BytesIO()
         with tarfile.open(fileobj=stream, mode="w") as archive:
             for name in names:
-                facts = json.dumps(store.facts[name], sort_keys=True).encode()
+                facts = store.facts[name].model_dump_json().encode()
                 # a key ends at the first dot
                 key = name.replace("/", "-").replace(".", "_")
                 for ending, data in (("npz", _bytes(_rows(store, name))), ("json", facts)):

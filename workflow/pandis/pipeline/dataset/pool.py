@@ -48,8 +48,7 @@ class Pool:
 
         Parameters
         ----------
-        tasks : list of dict
-            JSON values.
+        tasks : list of pandis.pipeline.dataset.rows.Work
         """
         waiting, done, stopped = SimpleQueue(), SimpleQueue(), threading.Event()
         for task in tasks:
@@ -119,12 +118,12 @@ class _Worker:
         """Return the answer to a task; raise `Lost` if the process ends or takes too long."""
         stage, until = "read", time.monotonic() + self.seconds
         with suppress(BrokenPipeError):  # the end of its output says why
-            self.process.stdin.write(json.dumps(task).encode() + b"\n")
+            self.process.stdin.write(task.to_json().encode() + b"\n")
             self.process.stdin.flush()
         while True:
             message = json.loads(self._line(stage, until))
-            if "stage" not in message:
-                return message
+            if "written" in message:
+                return message["written"]
             stage = message["stage"]
 
     def _line(self, stage, until):

@@ -11,39 +11,45 @@ import numpy as np
 from pandis.base.errors import ArtifactError, PandisError
 from pandis.base.streams import generator
 from pandis.pipeline.geometry.strata import STRATA
-from pandis.pipeline.run.job.artifact import check_seal, content_digest
+from pandis.pipeline.run.job.artifact import Artifact, check_seal, content_digest
+from pandis.pipeline.run.records.dataset import DatasetRecord, ShardRecord
 
 #: Arrays of a shard with a row for each point, and of each mesh.
 ROWS, MESH = ("points", "distance", "normal", "stratum", "doubt"), ("vertices", "faces")
 
 
-def read_attributes(path):
-    """Return the attributes of an artifact and its digest, without reading its arrays.
+def read_record(path, record):
+    """Return the record and the digest of an artifact, without reading its arrays.
 
     Raises
     ------
     ArtifactError
         The file is missing or damaged, or the attributes are not those of the digest.
     """
+    stored = _root(path)
     try:
-        with zipfile.ZipFile(path) as packed:
-            stored = json.loads(packed.read("zarr.json"))["attributes"]
         content, attributes = stored["content"], stored["attributes"]
         expected = content_digest(stored["kind"], content["arrays"], attributes)
-    except (OSError, KeyError, ValueError, zipfile.BadZipFile) as error:
-        raise ArtifactError(f"{path}: missing or damaged ({error}); build it again") from error
-    if content["digest"] != expected:
-        raise ArtifactError(f"{path}: its attributes differ from their digest; build it again")
-    return attributes, expected
+        same = content["digest"] == expected
+    except (KeyError, TypeError):
+        same = False
+    if not same:
+        raise ArtifactError(f"{path}: missing or damaged; build it again")
+    return record.of(Artifact(stored["kind"], {}, attributes, path=path)), expected
+
+
+def _root(path):
+    """Return the attributes of the group in an artifact; empty if it cannot be read."""
+    try:
+        with zipfile.ZipFile(path) as packed:
+            return json.loads(packed.read("zarr.json"))["attributes"]
+    except (OSError, KeyError, ValueError, zipfile.BadZipFile):
+        return {}
 
 
 def read_provenance(path):
     """Return the provenance of an artifact, or None if there is none or it is damaged."""
-    try:
-        with zipfile.ZipFile(path) as packed:
-            return json.loads(packed.read("zarr.json"))["attributes"]["provenance"]
-    except (OSError, KeyError, ValueError, zipfile.BadZipFile):
-        return None
+    return _root(path).get("provenance")
 
 
 class Shard:
@@ -57,8 +63,7 @@ class Shard:
 
     Attributes
     ----------
-    meshes : list of dict
-        Facts about each mesh.
+    meshes : list of pandis.pipeline.run.records.dataset.MeshFacts
     chunk : int
         Rows that are stored together.
 
@@ -72,8 +77,8 @@ class Shard:
         self.path, self._process = Path(path), None
         if check:
             check_seal(self.path)
-        self.attributes, self.digest = read_attributes(self.path)
-        self.meshes, self.chunk = self.attributes["meshes"], self.attributes["chunk"]
+        record, self.digest = read_record(self.path, ShardRecord)
+        self.meshes, self.chunk = record.meshes, record.chunk
 
     def read(self, name, start, stop):
         """Return rows of an array."""
@@ -127,12 +132,11 @@ class LabelStore:
     ----------
     names : list of str
         Meshes that have rows.
-    facts : dict of str to dict
+    facts : dict of str to pandis.pipeline.run.records.dataset.MeshFacts
         What is known of each mesh: source, repair, deviation, frame, licence, …
-    failed : dict of str to dict
-        Of each mesh that came to nothing: ``stage``, ``reason``, ``option``.
-    summary : dict
-        What the whole amounts to: counts of meshes, rows, ways of repair, faults and failures.
+    failed : dict of str to pandis.pipeline.run.records.dataset.Failure
+        ``stage``, ``reason`` and ``option`` of each mesh that came to nothing.
+    summary : pandis.pipeline.run.records.dataset.Summary
     strata : tuple of str
 
     Raises
@@ -153,12 +157,12 @@ class LabelStore:
         index = self.path / "index.zarr.zip"
         if not index.is_file():
             raise PandisError(f"{path}: there is no index.zarr.zip: this is no finished data set")
-        stored, _ = read_attributes(index)
-        self.chunk, meshes, self.summary = stored["chunk"], stored["meshes"], stored["summary"]
-        self.facts = {mesh["name"]: mesh for mesh in meshes if "failed" not in mesh}
-        self.failed = {mesh["name"]: mesh["failed"] for mesh in meshes if "failed" in mesh}
+        record, _ = read_record(index, DatasetRecord)
+        self.chunk, self.summary = record.chunk, record.summary
+        self.facts = {mesh.name: mesh for mesh in record.meshes if not mesh.failed}
+        self.failed = {mesh.name: mesh.failed for mesh in record.meshes if mesh.failed}
         self.names = list(self.facts)
-        counts = [-(-mesh["rows"] // self.chunk) for mesh in self.facts.values()]
+        counts = [-(-mesh.rows // self.chunk) for mesh in self.facts.values()]
         self._ends = np.cumsum(counts)
         self._shards = {}
 
@@ -182,7 +186,7 @@ class LabelStore:
 
     def draw(self, name: str, seed: int = 0) -> dict[str, np.ndarray]:
         """Return a chunk of a mesh's rows that the seed chooses: a random sample of them."""
-        chunks = -(-self.facts[name]["rows"] // self.chunk)
+        chunks = -(-self.facts[name].rows // self.chunk)
         return self.rows(name, int(generator(seed).integers(chunks)))
 
     def mesh(self, name: str) -> tuple[np.ndarray, np.ndarray]:
@@ -192,7 +196,7 @@ class LabelStore:
 
     def frame(self, name: str) -> tuple[np.ndarray, float]:
         """Return centre and scale: ``(x - centre) * scale`` is in the unit frame."""
-        return np.array(self.facts[name]["centre"]), self.facts[name]["scale"]
+        return np.array(self.facts[name].centre), self.facts[name].scale
 
     def export(
         self, layout: str, folder: str | PathLike[str], seed: int = 0, **points: int
@@ -219,9 +223,9 @@ class LabelStore:
 
     def _place(self, name):
         if name not in self.facts:
-            why = f": {self.failed[name]['reason']}" if name in self.failed else ""
+            why = f": {self.failed[name].reason}" if name in self.failed else ""
             raise PandisError(f"{self.path}: there are no rows of {name}{why}")
-        number, index = self.facts[name]["shard"]
+        number, index = self.facts[name].shard
         if number not in self._shards:
             self._shards[number] = Shard(self.path / f"shards/{number:05}.zarr.zip")
         return self._shards[number], index

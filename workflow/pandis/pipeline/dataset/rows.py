@@ -1,5 +1,6 @@
 """The rows of one mesh: reads and repairs it, draws points, labels them, and shuffles them."""
 
+import json
 import tarfile
 import tempfile
 import zipfile
@@ -24,6 +25,7 @@ from pandis.pipeline.run.ask.tasks import MeshTask
 from pandis.pipeline.run.job.artifact import Artifact
 from pandis.pipeline.run.job.stage import silent_progress
 from pandis.pipeline.run.plan.stages import stage_seed
+from pandis.pipeline.run.records.dataset import MeshFacts
 from pandis.pipeline.run.records.mesh import MeshRecord
 
 #: Bits of ``doubt``: two points of the surface are closest, so the normal is arbitrary; and the
@@ -44,30 +46,46 @@ MESH = {"vertices": ((3,), np.float64), "faces": ((3,), np.int32)}
 CHANGED = "its file was changed after this run was planned; run the same command again"
 
 
-class MeshRows(NamedTuple):
-    """What is stored of one mesh: its arrays (`ROWS`, `MESH`) and facts about it."""
+class Work(NamedTuple):
+    """A mesh to label: its options (as of the stages `mesh` and `sample`), and where it goes.
 
-    arrays: dict
-    facts: dict
+    ``seed`` is the root of the data set's random numbers, ``key`` the digest of everything that
+    the rows depend on.
+    """
+
+    member: Member
+    mesh: dict
+    samples: dict
+    seed: int
+    key: str = ""
+    output: str = ""
+
+    def to_json(self):
+        """Return the work as a line of JSON."""
+        return json.dumps(self._asdict())
+
+    @classmethod
+    def of_json(cls, line):
+        """Return the work of a line of JSON."""
+        values = json.loads(line)
+        return cls(**values | {"member": Member(*values["member"])})
 
 
-def mesh_rows(member, mesh, samples, *, seed, note):
+def mesh_rows(work, note):
     """Read, repair and label one mesh of a data set.
 
     Parameters
     ----------
-    member : Member
-    mesh, samples : dict
-        Options, as of the stages `mesh` and `sample`.
-    seed : int
-        Root of the data set's random numbers.
+    work : Work
     note : callable
         Receives the name of each stage that begins.
 
     Returns
     -------
-    MeshRows
-        Points in the unit frame, exactly labelled as they are stored, in random order.
+    arrays : dict
+        `ROWS`: points in the unit frame, exactly labelled as they are stored, in random order; and
+        `MESH`.
+    facts : pandis.pipeline.run.records.dataset.MeshFacts
 
     Raises
     ------
@@ -75,19 +93,20 @@ def mesh_rows(member, mesh, samples, *, seed, note):
         The mesh cannot be read or repaired.
     """
     note("read")
-    unit = member.unit or mesh["unit"]
+    member, seed = work.member, work.seed
+    options = work.mesh | ({"unit": member.unit} if member.unit else {})
     with local_file(member) as path:
-        options = MeshTask(**mesh | {"unit": unit}, source=member.inside or member.source,
-                           sha256=None, seed=stage_seed(seed, member.name, "mesh"))  # fmt: skip
-        arrays, attributes = build(options, path, lambda text: note("repair"))
+        task = MeshTask(**options, source=member.inside or member.source, sha256=None,
+                        seed=stage_seed(seed, member.name, "mesh"))  # fmt: skip
+        arrays, attributes = build(task, path, lambda text: note("repair"))
     repaired = Artifact("mesh", arrays, attributes)
     note("label")
     body = Body.open(repaired)
-    strata = Strata(body, SampleOptions(**samples), stage_seed(seed, member.name, "sample"))
+    samples = SampleOptions(**work.samples)
+    strata = Strata(body, samples, stage_seed(seed, member.name, "sample"))
     rows = _labelled(body, strata, generator(stage_seed(seed, member.name, "rows"), _ORDER))
     shape = {"vertices": body.vertices, "faces": body.faces}
-    facts = {"rows": strata.count} | _facts(MeshRecord.of(repaired), body)
-    return MeshRows(rows | shape, facts)
+    return rows | shape, _facts(MeshRecord.of(repaired), body, strata.count)
 
 
 def _labelled(body, strata, rng):
@@ -123,32 +142,29 @@ def _beyond_walls(body, columns):
     return beyond
 
 
-def _facts(record, body):
+def _facts(record, body, rows):
     """Return what the index says of a mesh."""
-    solid, after = record.solid, record.after
-    return {
-        "unit": record.source["unit"],
-        "format": record.source.get("format", ""),
-        "notes": record.source.get("notes", []),
-        "faults": {
-            words: record.before[kind] for kind, words in FAULTS.items() if record.before[kind]
-        },
-        "repair": [rung.operation for rung in record.rungs if rung.kept],
-        "kinds": solid.kinds if solid else {},
-        "invented": solid.invented if solid else 0.0,
-        "sheets": solid.sheets if solid else 0.0,
-        "doors": len(solid.doors) + len(solid.caps) if solid else 0,
-        "moved_percent": 0.0 if record.shape else 100 * record.moved / after["diagonal"],
-        "faces_read": record.before["faces"],
-        "faces": after["faces"],
-        "vertices": len(body.vertices),
-        "components": after["components"],
-        "genus": after["genus"],
-        "volume": after["volume"],
-        "area": after["area"],
-        "centre": [float(x) for x in body.frame.centre],
-        "scale": float(body.frame.scale),
-    }
+    source, solid = record.source, record.solid
+    before, after = record.before, record.after
+    invention = {}
+    if solid:
+        invention = {"kinds": solid.kinds, "invented": solid.invented, "sheets": solid.sheets,
+                "openings": len(solid.doors) + len(solid.caps)}  # fmt: skip
+    return MeshFacts(
+        rows=rows,
+        vertices=len(body.vertices),
+        unit=source["unit"],
+        format=source.get("format", ""),
+        notes=source.get("notes", []),
+        faults={words: before[kind] for kind, words in FAULTS.items() if before[kind]},
+        repair=[rung.operation for rung in record.rungs if rung.kept],
+        moved_percent=0.0 if record.shape else 100 * record.moved / after["diagonal"],
+        faces_read=before["faces"],
+        centre=tuple(map(float, body.frame.centre)),
+        scale=float(body.frame.scale),
+        **{key: after[key] for key in ("faces", "components", "genus", "volume", "area")},
+        **invention,
+    )  # fmt: skip
 
 
 @contextmanager
@@ -208,8 +224,3 @@ def _copy(stream, target):
         if target.tell() + len(block) > LARGEST:
             raise PandisError(f"it unpacks to more than {LARGEST >> 30} GiB")
         target.write(block)
-
-
-def member_of(values):
-    """Return a `Member` from plain data."""
-    return Member(**{key: values[key] for key in Member._fields})

@@ -9,6 +9,7 @@ import json
 import os
 import shutil
 import time
+import zipfile
 from contextlib import suppress
 from pathlib import Path
 
@@ -17,22 +18,22 @@ import numpy as np
 from pandis.base.errors import PandisError
 from pandis.pipeline.dataset.pool import Lost, Pool
 from pandis.pipeline.dataset.reading import Shard
-from pandis.pipeline.dataset.rows import MESH, ROWS
+from pandis.pipeline.dataset.rows import MESH, ROWS, Work
 from pandis.pipeline.dataset.worker import failure, write_rows
 from pandis.pipeline.run.ask.members import list_digest, members
 from pandis.pipeline.run.ask.sharding import shard_of
+from pandis.pipeline.run.records.dataset import MeshFacts, ShardRecord
 
-#: Start, count of each mesh's rows, vertices and faces, in this order, in the array ``ranges``.
+#: What the array ``ranges`` counts of each mesh: start and count of each, in this order.
 PARTS = ("rows", "vertices", "faces")
 #: Facts of the plan, which may change without the rows.
 _PLANNED = ("name", "source", "inside", "licence", "tags")
 
 
-def member_key(task, code):
+def key_of(work, code):
     """Return the digest of everything that the rows of a mesh depend on."""
-    member = task["member"]
-    parts = [member["name"], member["digest"], member["unit"], member["fault"],
-             task["mesh"], task["samples"], task["seed"], code]  # fmt: skip
+    member = work.member._replace(source="", inside="", licence="", tags="")
+    parts = [member, work.mesh, work.samples, work.seed, code]
     return hashlib.sha256(json.dumps(parts, sort_keys=True).encode()).hexdigest()
 
 
@@ -53,7 +54,7 @@ class ShardBuilder:
         self.options, self.path, self.log = options, Path(path), log
         self.before = self.path.parent / ".resume"
         self.folder = self.before / f"{options.shard:05}-of-{options.shards:05}"
-        self.tasks = [self._task(member, code) for member in self._members()]
+        self.works = [self._work(member, code) for member in self._members()]
         self.facts = {}  # by key
         self.old = {}  # shards with rows of a mesh, by key
 
@@ -69,64 +70,59 @@ class ShardBuilder:
             )
         return listed
 
-    def _task(self, member, code):
-        override = self.options.override.get(member.name, {})
-        task = {
-            "member": member._asdict(),
-            "mesh": self.options.mesh.model_dump() | override.get("mesh", {}),
-            "samples": self.options.samples.model_dump() | override.get("samples", {}),
-            "seed": self.options.seed,
-        }
-        key = member_key(task, code)
-        return task | {"key": key, "output": str(self.folder / f"{key[:32]}.npz")}
+    def _work(self, member, code):
+        options, override = self.options, self.options.override.get(member.name, {})
+        mesh = options.mesh.model_dump() | override.get("mesh", {})
+        samples = options.samples.model_dump() | override.get("samples", {})
+        work = Work(member, mesh, samples, options.seed)
+        key = key_of(work, code)
+        return work._replace(key=key, output=str(self.folder / f"{key[:32]}.npz"))
 
     def compute(self, workers, progress):
         """Compute the meshes that neither an older shard nor an interrupted job has."""
         self.folder.mkdir(parents=True, exist_ok=True)
         self._look_back()
         todo = []
-        for task in self.tasks:
-            member, key = task["member"], task["key"]
-            if member["fault"]:
-                self.facts[key] = failure("plan", member["fault"])
-            elif key not in self.facts and not self._resume(task):
-                todo.append(task)
+        for work in self.works:
+            if work.member.fault:
+                self.facts[work.key] = failure("plan", work.member.fault, key=work.key)
+            elif work.key not in self.facts and not self._resume(work):
+                todo.append(work)
         self._sweep()
-        finished = len(self.tasks) - len(todo)
-        self.log(f"{len(self.tasks)} meshes, {len(todo)} of them to compute")
-        report, start = progress("meshes", len(self.tasks), "meshes"), time.monotonic()
+        finished = len(self.works) - len(todo)
+        self.log(f"{len(self.works)} meshes, {len(todo)} of them to compute")
+        report, start = progress("meshes", len(self.works), "meshes"), time.monotonic()
         report.resume(finished)
         pool = Pool(workers, seconds=self.options.seconds, memory_gb=self.options.memory_gb)
-        for done, (task, answer) in enumerate(pool.answers(todo), finished + 1):
-            self._take(task, answer)
+        for done, (work, answer) in enumerate(pool.answers(todo), finished + 1):
+            self._take(work, answer)
             report.update(done)
         if todo:
-            seconds = time.monotonic() - start
-            self.log(f"{len(todo)} meshes in {seconds:.0f} s")
+            self.log(f"{len(todo)} meshes in {time.monotonic() - start:.0f} s")
 
-    def _take(self, task, answer):
+    def _take(self, work, answer):
         if isinstance(answer, Lost):
-            facts = failure(answer.stage, str(answer)) | {"limits": self._limits}
-            write_rows(task["output"], {}, facts | {"key": task["key"]})
-        elif "facts" in answer:
-            self.facts[task["key"]] = answer["facts"] | {"again": True}
-            return
-        if not self._resume(task):
-            raise PandisError(f"{task['output']}: a worker's result is damaged; run again")
-        failed = self.facts[task["key"]].get("failed")
+            facts = failure(answer.stage, str(answer), key=work.key, limits=self._limits)
+            write_rows(work.output, facts)
+        if not self._resume(work, current=False):
+            raise PandisError(f"{work.output}: a worker's result is damaged; run again")
+        failed = self.facts[work.key].failed
         if failed:
-            self.log(f"{task['member']['name']}: {failed['stage']}: {failed['reason']}")
+            self.log(f"{work.member.name}: {failed.stage}: {failed.reason}")
 
-    def _resume(self, task):
-        """Read the facts of a mesh that was computed already; return whether there are any."""
+    def _resume(self, work, *, current=True):
+        """Read the facts of a mesh that was computed already; return whether there are any.
+
+        With ``current``, facts that another try may change do not count.
+        """
         try:
-            with np.load(task["output"]) as stored:
-                facts = json.loads(str(stored["facts"]))
-        except (OSError, ValueError, KeyError, EOFError):
+            with np.load(work.output) as stored:
+                facts = MeshFacts.model_validate_json(str(stored["facts"]))
+        except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile):
             return False
-        if not self._is_current(facts, task["key"]):
+        if current and not self._is_current(facts, work.key):
             return False
-        self.facts[task["key"]] = facts
+        self.facts[work.key] = facts
         return True
 
     @property
@@ -135,30 +131,27 @@ class ShardBuilder:
 
     def _is_current(self, facts, key):
         """Return whether facts are those of a key, and would not change with these limits."""
-        if facts.get("key") != key or facts.get("again"):
-            return False
-        return facts.get("limits", self._limits) == self._limits
+        return facts.key == key and not facts.again and facts.limits in (None, self._limits)
 
     def _look_back(self):
         """Note which meshes the last versions of shards contain, whatever their number was."""
-        names = {task["member"]["name"]: task["key"] for task in self.tasks}
+        names = {work.member.name: work.key for work in self.works}
         for path in sorted(self.before.glob("*.zarr.zip")):
             shard, _, shards = path.name.partition(".")[0].partition("-of-")
-            shares = {shard_of(name, int(shards)) for name in names}
-            if int(shard) not in shares:
+            if int(shard) not in {shard_of(name, int(shards)) for name in names}:
                 continue
             try:
                 old = Shard(path, check=True)
             except PandisError:
                 continue
             for index, facts in enumerate(old.meshes):
-                key = names.get(facts["name"])
+                key = names.get(facts.name)
                 if self._is_current(facts, key):
                     self.facts[key], self.old[key] = facts, (old, index)
 
     def _sweep(self):
         """Remove work of earlier plans."""
-        current = {Path(task["output"]).name for task in self.tasks}
+        current = {Path(work.output).name for work in self.works}
         for path in self.folder.iterdir():
             if path.name not in current:
                 path.unlink()
@@ -167,7 +160,7 @@ class ShardBuilder:
 
     def columns(self):
         """Return the arrays' shapes, types and chunks, for `ArtifactWriter`."""
-        self._ranges = np.array([self._range(task) for task in self.tasks], np.int64)
+        self._ranges = np.array([self._range(work) for work in self.works], np.int64)
         ends = self._ranges.reshape(-1, len(PARTS), 2)
         chunk = self.options.chunk
         padded = -(-ends[:, 0, 1] // chunk) * chunk
@@ -183,43 +176,39 @@ class ShardBuilder:
             columns[name] = {"shape": (int(counts[name].sum()), *shape), "dtype": kind}
         return columns
 
-    def _range(self, task):
-        facts = self.facts[task["key"]]
-        counts = [facts.get(name, 0) for name in ("rows", "vertices", "faces")]
+    def _range(self, work):
+        facts = self.facts[work.key]
+        counts = (0, 0, 0) if facts.failed else (facts.rows, facts.vertices, facts.faces)
         return [value for count in counts for value in (0, count)]
 
     def pieces(self):
         """Yield the arrays of each mesh."""
-        ranges = self._ranges
-        for number, task in enumerate(self.tasks):
-            arrays = self._arrays(task)
-            piece = {name: np.concatenate([
-                arrays[name],
-                np.zeros((self._padding[number], *ROWS[name][0]), ROWS[name][1]),
-            ]) for name in ROWS}  # fmt: skip
-            piece |= {name: arrays[name] for name in MESH}
-            yield piece | {"ranges": ranges[number : number + 1]}
+        for number, work in enumerate(self.works):
+            arrays = self._arrays(work)
+            for name, (shape, kind) in ROWS.items():
+                rest = np.zeros((self._padding[number], *shape), kind)
+                arrays[name] = np.concatenate([arrays[name], rest])
+            yield arrays | {"ranges": self._ranges[number : number + 1]}
 
-    def _arrays(self, task):
-        key = task["key"]
-        if not self.facts[key].get("rows"):
+    def _arrays(self, work):
+        if self.facts[work.key].failed:
             return {name: np.empty((0, *shape), kind)
                     for name, (shape, kind) in (ROWS | MESH).items()}  # fmt: skip
-        if key in self.old:
-            shard, index = self.old[key]
+        if work.key in self.old:
+            shard, index = self.old[work.key]
             return shard.arrays(index)
-        with np.load(task["output"]) as stored:
+        with np.load(work.output) as stored:
             return {name: stored[name] for name in ROWS | MESH}
 
     def attributes(self):
         """Return the attributes: facts about every mesh, in the order of their names."""
-        meshes = []
-        for task in self.tasks:
-            member = task["member"]
-            facts = self.facts[task["key"]] | {"key": task["key"]}
-            facts = {key: value for key, value in facts.items() if key not in _PLANNED}
-            meshes.append({key: member[key] for key in _PLANNED} | facts)
-        return {"meshes": meshes, "chunk": self.options.chunk}
+        meshes = [
+            self.facts[work.key].model_copy(
+                update={key: getattr(work.member, key) for key in _PLANNED}
+            )
+            for work in self.works
+        ]
+        return ShardRecord(meshes=meshes, chunk=self.options.chunk).attributes()
 
     def remember(self):
         """Keep the new version for the next job, as another name of the same file."""

@@ -16,24 +16,27 @@ from pathlib import Path
 import numpy as np
 
 from pandis.base.errors import PandisError, RepairError
-from pandis.pipeline.dataset.rows import CHANGED, member_of, mesh_rows
+from pandis.pipeline.dataset.rows import CHANGED, Work, mesh_rows
 from pandis.pipeline.mesh import tools
+from pandis.pipeline.run.records.dataset import Failure, MeshFacts
 
 
-def write_rows(path, arrays, facts):
-    """Write what a mesh came to: arrays, which may be empty, and facts."""
+def write_rows(path, facts, arrays=None):
+    """Write what a mesh came to: facts, and arrays if there are any."""
     part = Path(f"{path}.part")
     with part.open("wb") as stream:
-        np.savez(stream, facts=np.array(json.dumps(facts)), **arrays)
+        np.savez(stream, facts=np.array(facts.model_dump_json()), **arrays or {})
     part.replace(path)
 
 
-def failure(stage, reason, option=None):
+def failure(stage, reason, **more):
     """Return the facts of a mesh that came to nothing."""
-    return {"failed": {"stage": stage, "reason": reason, "option": option or {}}}
+    option = more.pop("option", {})
+    return MeshFacts(failed=Failure(stage=stage, reason=reason, option=option), **more)
 
 
-def _answer(task, note):
+def _answer(work, note):
+    """Label a mesh, write its rows or why there are none, and return the answer."""
     stage = ["read"]
 
     def enter(name):
@@ -41,24 +44,21 @@ def _answer(task, note):
             stage[0] = name
             note({"stage": name})
 
-    arrays = {}
+    arrays = None
     try:
-        arrays, facts = mesh_rows(
-            member_of(task["member"]), task["mesh"], task["samples"], seed=task["seed"], note=enter
-        )
+        arrays, facts = mesh_rows(work, enter)
     except RepairError as error:
-        facts = failure("repair", str(error), error.option)
+        facts = failure("repair", str(error), option=error.option)
     except PandisError as error:
-        facts = failure(stage[0], str(error))
-        if CHANGED in str(error):
-            return {"facts": facts}  # not remembered: the next plan has another digest
+        # what was changed during the run has another digest in the next plan
+        facts = failure(stage[0], str(error), again=CHANGED in str(error))
     except MemoryError:
         facts = failure(stage[0], "it needs more memory; raise memory_gb of the data set")
     except Exception as error:
         what = f"{type(error).__name__}: {error}"
         facts = failure(stage[0], f"a defect of pandis, please report it ({what})")
-    write_rows(task["output"], arrays, facts | {"key": task["key"]})
-    return {"written": task["output"]}
+    write_rows(work.output, facts.model_copy(update={"key": work.key}), arrays)
+    return {"written": work.output}
 
 
 def main():
@@ -78,7 +78,7 @@ def main():
         answers.flush()
 
     for line in sys.stdin:
-        say(_answer(json.loads(line), say))
+        say(_answer(Work.of_json(line), say))
 
 
 if __name__ == "__main__":

@@ -13,6 +13,7 @@ from pandis.pipeline.run.ask.members import list_digest, members
 from pandis.pipeline.run.ask.options import MeshOptions, SampleOptions
 from pandis.pipeline.run.ask.sharding import shard_count, shard_of
 from pandis.pipeline.run.ask.tasks import DatasetTask, ShardTask
+from pandis.pipeline.run.plan.stages import Output
 
 
 class PlannedDataset(NamedTuple):
@@ -30,6 +31,8 @@ class Datasets:
     ----------
     config : dict
         The parsed configuration.
+    folder : str
+        The results folder.
     digests : pandis.pipeline.run.ask.sourcing.SourceDigests
 
     Raises
@@ -38,8 +41,8 @@ class Datasets:
         The options have faults, or a source cannot be read; the message lists all.
     """
 
-    def __init__(self, config, digests):
-        self.options, self._digests = load_datasets(config), digests
+    def __init__(self, config, folder, *, digests):
+        self.options, self.folder, self._digests = load_datasets(config), folder, digests
 
     @cached_property
     def planned(self):
@@ -54,17 +57,23 @@ class Datasets:
         return planned
 
     def outputs(self):
-        """Return path (relative to the results), stage and wildcards of every output."""
+        """Return every `Output`."""
         outputs = []
-        for name, dataset in self.planned.items():
-            folder = f"datasets/{name}"
-            outputs += [
-                (f"{folder}/shards/{k:05}.zarr.zip", "shard", {"dataset": name, "shard": f"{k:05}"})
-                for k in range(len(dataset.shards))
-            ]
-            outputs += [(f"{folder}/{file}", "dataset", {"dataset": name})
+        for name in self.planned:
+            outputs += [Output(path, "shard", {"dataset": name, "shard": Path(path).name[:5]})
+                        for path in self._shards(name)]  # fmt: skip
+            folder = f"{self.folder}/datasets/{name}"
+            outputs += [Output(f"{folder}/{file}", "dataset", {"dataset": name})
                         for file in ("index.zarr.zip", "card.html", "card.json")]  # fmt: skip
         return outputs
+
+    def shards(self, wildcards):
+        """Return the paths of the shards of a data set, the inputs of its index."""
+        return self._shards(wildcards.dataset)
+
+    def _shards(self, name):
+        count = len(self.planned[name].shards)
+        return [f"{self.folder}/datasets/{name}/shards/{k:05}.zarr.zip" for k in range(count)]
 
     def shard(self, name, number):
         """Return the options of a shard."""

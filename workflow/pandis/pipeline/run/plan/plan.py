@@ -9,7 +9,6 @@ import os
 import time
 from functools import cached_property, partial
 from pathlib import Path
-from typing import NamedTuple
 
 from pandis.base.errors import ConfigError, PandisError
 from pandis.pipeline.run.ask.catalogue import parse_field
@@ -30,7 +29,7 @@ from pandis.pipeline.run.ask.tasks import CalibrateTask, RefuseTask, SummaryTask
 from pandis.pipeline.run.job.provenance import CodeDigests, needs
 from pandis.pipeline.run.plan.datasets import Datasets
 from pandis.pipeline.run.plan.placing import all_faults, load_scenes, needed, scene_task
-from pandis.pipeline.run.plan.stages import STAGES, PlannedJob
+from pandis.pipeline.run.plan.stages import STAGES, Output, PlannedJob
 
 #: Named targets of the stages and of the scenes.
 TARGETS = {*(row.target for row in STAGES.values() if row.target), "scenes", "datasets"}
@@ -40,14 +39,6 @@ JUDGING = ("evaluations", "hardware")
 FIRST = {"meshes": (None, "meshes"), "samples": (None, "meshes", "samples")}
 DEFAULT_CONFIG = "config/config.yaml"
 QUERY_TIMES = "config/query-times.csv"
-
-
-class Output(NamedTuple):
-    """One output file, the stage (rule, script) that makes it and its wildcards."""
-
-    path: str
-    stage: str
-    wildcards: dict
 
 
 class Plan:
@@ -86,7 +77,7 @@ class Plan:
             self.until = last_target(config)
             self.entries = self._buildable(load_config(config, self.refused))
             self.scenes = load_scenes(config, self.entries)
-            self.datasets = Datasets(config, self.sources)
+            self.datasets = Datasets(config, self.folder, digests=self.sources)
         except ConfigError as error:
             raise_faults(error.faults | all_faults(config))
         #: Only the meshes and fields that scenes need; without scenes, all.
@@ -196,7 +187,7 @@ class Plan:
         if name not in TARGETS:
             return [output.path for output in self.everything()]
         if name == "datasets":
-            return [output.path for output in self.dataset_outputs()]
+            return [output.path for output in self.datasets.outputs()]
         every = [output for mesh in self.entries for output in self.outputs(mesh)]
         every += self.scene_outputs()
         if name == "samples":  # asked for by name, they need no network
@@ -212,7 +203,7 @@ class Plan:
         if self.until:
             every = list({o.path: o for o in every if self._comes(o.stage)}.values())
         if not self.scenes:
-            return [*every, *self.dataset_outputs(), *self.refusals(), *self.final]
+            return [*every, *self.datasets.outputs(), *self.refusals(), *self.final]
         return [*(o for o in every if STAGES[o.stage].in_scenes), *self.scene_outputs()]
 
     def _samples(self, mesh):
@@ -229,11 +220,6 @@ class Plan:
             Output(f"{self.folder}/{mesh}/refused", "refuse", {"mesh": mesh})
             for mesh in self.refused
         ]
-
-    def dataset_outputs(self):
-        """Return the outputs of all data sets."""
-        outputs = self.datasets.outputs()
-        return [Output(f"{self.folder}/{path}", *job) for path, *job in outputs]
 
     def scene_outputs(self):
         """Return the outputs of all scenes."""
@@ -336,12 +322,6 @@ class Plan:
     def results(self, stem):
         """Return the path of the file ``stem`` of every mesh."""
         return [f"{self.folder}/{mesh}/{stem}" for mesh in self.entries]
-
-    def shards(self, wildcards):
-        """Return the shards of a data set."""
-        outputs = self.dataset_outputs()
-        return [o.path for o in outputs
-                if o.stage == "shard" and o.wildcards["dataset"] == wildcards.dataset]  # fmt: skip
 
     # --- params of rules ---------------------------------------------------------
 

@@ -7,6 +7,7 @@ outputs scenes need, are defined only in `STAGES`.
 import hashlib
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import NamedTuple
 
 from pandis.pipeline.run.ask import outputs
 from pandis.pipeline.run.ask.config import MeshEntry
@@ -32,6 +33,15 @@ from pandis.pipeline.run.ask.tasks import (
     TrajectoryTask,
     ValidateTask,
 )
+
+
+class Output(NamedTuple):
+    """One output file, the stage (rule, script) that makes it and its wildcards."""
+
+    path: str
+    stage: str
+    wildcards: dict
+
 
 #: Recipe of the networks that `fields: auto` may choose.
 CHOSEN_RECIPE = "pandis-exact"

@@ -1,0 +1,150 @@
+"""The attributes of a data set's shards and of its index."""
+
+from typing import Any
+
+from pydantic import Field
+
+from pandis.pipeline.run.records.record import Record
+
+
+class Failure(Record):
+    """Why a mesh came to nothing: the stage, the reason, and options that would help."""
+
+    stage: str
+    reason: str
+    option: dict[str, Any] = Field(default_factory=dict)
+
+
+class MeshFacts(Record):
+    """What is known of a mesh of a data set. Lengths are in mesh units.
+
+    Attributes
+    ----------
+    name, source, inside, licence, tags : str
+        As planned: see `pandis.pipeline.run.ask.members.Member`.
+    key : str
+        Digest of everything that the rows depend on.
+    failed : Failure or None
+    again : bool
+        Whether the failure is to be forgotten: the file was changed during the run.
+    limits : list of float or None
+        Seconds and memory (GiB) beyond which the mesh was given up.
+    shard : list of int
+        Number of the shard, and place of the mesh in it; only in the index.
+    rows, vertices, faces : int
+    unit, format : str
+    notes : list of str
+        Remarks of the reader.
+    faults : dict of str to int
+        Faults of the mesh as it was read.
+    repair : list of str
+        Operations that repaired it.
+    kinds : dict of str to int
+        Components of each kind, if it was made solid: see
+        `pandis.pipeline.run.records.mesh.Component`.
+    invented, sheets : float
+        Shares of the area that caps and doors, and sheets with a thickness, have.
+    openings : int
+        Caps and doors.
+    moved_percent : float
+        Largest distance between the surface as read and the result, caps apart, % of the diagonal.
+    faces_read, components : int
+    genus : int or None
+    volume, area : float
+    centre, scale
+        The unit frame: ``(x - centre) * scale``.
+    """
+
+    name: str = ""
+    source: str = ""
+    inside: str = ""
+    licence: str = ""
+    tags: str = ""
+    key: str = ""
+    failed: Failure | None = None
+    again: bool = False
+    limits: list[float] | None = None
+    shard: list[int] = Field(default_factory=list)
+    rows: int = 0
+    vertices: int = 0
+    faces: int = 0
+    unit: str = "unknown"
+    format: str = ""
+    notes: list[str] = Field(default_factory=list)
+    faults: dict[str, int] = Field(default_factory=dict)
+    repair: list[str] = Field(default_factory=list)
+    kinds: dict[str, int] = Field(default_factory=dict)
+    invented: float = 0.0
+    sheets: float = 0.0
+    openings: int = 0
+    moved_percent: float = 0.0
+    faces_read: int = 0
+    components: int = 0
+    genus: int | None = None
+    volume: float = 0.0
+    area: float = 0.0
+    centre: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    scale: float = 1.0
+
+    @property
+    def way(self):
+        """How the mesh became a solid: ``valid as read``, ``repaired exactly``, ``solid``."""
+        if self.kinds:
+            return "solid"
+        return "repaired exactly" if self.repair else "valid as read"
+
+
+class ShardRecord(Record):
+    """A shard: its meshes, in the order of their rows, and the rows that are stored together."""
+
+    meshes: list[MeshFacts]
+    chunk: int
+
+
+class Cause(Record):
+    """Failures with one reason: their count, a mesh, and the option that would help."""
+
+    stage: str
+    reason: str
+    count: int
+    example: str
+    option: dict[str, Any]
+
+
+class Summary(Record):
+    """What a data set amounts to.
+
+    Attributes
+    ----------
+    meshes, ready, failed, rows : int
+    ways, faults, components, licences : dict of str to int
+        Meshes by how they became solids, by their faults before, and by licence; components of
+        solids by kind.
+    moved_percent : dict of str to float
+        Percentiles over the meshes.
+    causes : list of Cause
+    """
+
+    meshes: int
+    ready: int
+    failed: int
+    rows: int
+    ways: dict[str, int]
+    faults: dict[str, int]
+    components: dict[str, int]
+    licences: dict[str, int]
+    moved_percent: dict[str, float]
+    causes: list[Cause]
+
+
+class DatasetRecord(Record):
+    """The index of a data set."""
+
+    dataset: str
+    source: str
+    meshes: list[MeshFacts]
+    summary: Summary
+    strata: list[str]
+    chunk: int
+    sign: str = "negative inside"
+    frame: str = "points are (x - centre) * scale of each mesh; distances are multiplied by scale"
