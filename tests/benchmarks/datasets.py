@@ -1,0 +1,256 @@
+"""Data sets of many meshes: scale, throughput, labels and reading; prints figures.
+
+Usage: PANDIS_MESHES=FOLDER .venv/bin/python tests/benchmarks/datasets.py COMMAND FOLDER [COUNT]
+
+    variants   write COUNT meshes (10,000 by default) of 1,000 to 20,000 faces (median 5,000) into
+               FOLDER/meshes: the shared meshes and closed forms, simplified, turned, scaled; of
+               eight, one is cut open and one has noise on its vertices
+    scale      label them by the workflow, 20,000 rows each, killed at five places; time a plan, a
+               run that has nothing to do, and both cores' work for a mesh
+    throughput label COUNT meshes (200 by default) of PANDIS_MESHES as they are, turned, with
+               564,000 rows each: meshes in a core minute, those valid as read and all
+    labels     compare 10,000 rows of each mesh of FOLDER/store.zarr with exact winding numbers and
+               distances
+    reading    time 16,000 random rows of a mesh of a million, and a DataLoader with two workers
+"""
+
+import os
+import resource
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import igl
+import numpy as np
+import torch
+import trimesh
+import yaml
+from common import ROOT
+from many import ENDINGS, simplified
+from scipy.spatial.transform import Rotation
+
+import pandis
+from pandis.pipeline.api.writing import mesh_bytes
+from pandis.pipeline.dataset.reading import ROWS
+from pandis.pipeline.geometry.shapes import find_shape
+
+#: Faces of the levels to which each source is simplified: log-normal around 5,000.
+LEVELS = (1200, 2000, 3200, 4200, 5000, 6000, 8000, 12_000, 20_000)
+SHARES = (0.08, 0.12, 0.14, 0.16, 0.14, 0.12, 0.12, 0.08, 0.04)
+KILLED = 0.05, 0.2, 0.4, 0.6, 0.8
+SCALE = {"surface": 6000, "near": 8000, "volume": 6000}
+LARGE = {"surface": 64_000, "near": 250_000, "volume": 250_000}
+
+
+def sources():
+    """Return the shared mesh files."""
+    folder = Path(os.environ["PANDIS_MESHES"])
+    return sorted(p for p in folder.rglob("*") if p.suffix.lower() in ENDINGS)
+
+
+def shapes():
+    """Yield closed forms as meshes of tens of thousands of faces."""
+    for name in ("sphere", "torus", "box", "capsule"):
+        vertices, faces = find_shape(name).tessellation()
+        yield trimesh.Trimesh(vertices, faces, process=False)
+
+
+def simple(mesh, faces):
+    """Return a mesh with at most so many faces, or itself."""
+    if len(mesh.faces) <= faces:
+        return mesh
+    vertices = np.asfortranarray(mesh.vertices, np.float64)
+    simple_mesh = igl.qslim(vertices, np.asfortranarray(mesh.faces, np.int32), faces)
+    return trimesh.Trimesh(simple_mesh[0], simple_mesh[1], process=False)
+
+
+def write_variants(folder, count):
+    """Write the meshes."""
+    rng, levels = np.random.default_rng(0), {}
+    folder.mkdir(parents=True)
+    read = [simplified(path, 20_000, folder / "source.ply") for path in sources()]
+    (folder / "source.ply").unlink(missing_ok=True)
+    meshes = [mesh for mesh in read if mesh is not None and len(mesh.faces) >= 1000]
+    meshes += list(shapes())
+    for number in range(count):
+        source = number % len(meshes)
+        level = rng.choice(LEVELS, p=SHARES)
+        if (source, level) not in levels:
+            levels[source, level] = simple(meshes[source], level)
+        mesh = levels[source, level]
+        vertices, faces = np.array(mesh.vertices), np.array(mesh.faces)
+        way = rng.integers(8)
+        if way == 0:  # cut open
+            direction = rng.normal(size=3)
+            height = vertices[faces].mean(axis=1) @ direction
+            faces = faces[height < np.quantile(height, rng.uniform(0.7, 0.95))]
+        if way == 1:
+            diagonal = np.linalg.norm(np.ptp(vertices, axis=0))
+            vertices = vertices + rng.normal(0, 2e-4 * diagonal, vertices.shape)
+        turn = Rotation.random(random_state=rng).as_matrix()
+        vertices = vertices @ turn.T * np.exp(rng.normal())
+        path = folder / f"{number % 100:02}" / f"m{number:05}.ply"
+        path.parent.mkdir(exist_ok=True)
+        path.write_bytes(mesh_bytes("ply", vertices, faces))
+
+
+def snakemake(folder, *arguments):
+    """Return a running Snakemake whose output goes to a log."""
+    command = [sys.executable, "-m", "snakemake", "-s", str(ROOT / "workflow/Snakefile"),
+               "--configfile", "data.yaml", *arguments]  # fmt: skip
+    log = (folder / "log").open("a")
+    return subprocess.Popen(command, cwd=folder, stdout=log, stderr=log, start_new_session=True)
+
+
+def timed(folder, *arguments):
+    """Return seconds and peak memory (MB) of a run of Snakemake."""
+    before = time.monotonic()
+    process = snakemake(folder, *arguments)
+    _, status, used = os.wait4(process.pid, 0)
+    assert status == 0, f"{folder}/log"
+    return time.monotonic() - before, used.ru_maxrss / 1000
+
+
+def finished(folder):
+    """Return how many meshes are computed."""
+    store = folder / "results/datasets/data/shards"
+    return len(list(store.glob(".resume/*/*.npz"))) + len(list(store.glob("*.zip"))) * 80
+
+
+def scale(folder):
+    """Label the variants by the workflow."""
+    count = len(list((folder / "meshes").rglob("*.ply")))
+    data = {"source": "meshes", "samples": SCALE}
+    (folder / "data.yaml").write_text(yaml.safe_dump({"datasets": {"data": data}}))
+    print("plan: {:.1f} s, {:.0f} MB; again {:.1f} s".format(
+        *timed(folder, "-n", "--quiet"), timed(folder, "-n", "--quiet")[0]))  # fmt: skip
+    start = time.monotonic()
+    for share in KILLED:
+        process = snakemake(folder, "-j2")
+        while process.poll() is None and finished(folder) < share * count:
+            time.sleep(0.2)
+        if process.poll() is None:
+            os.killpg(process.pid, signal.SIGKILL)
+        process.wait()
+        snakemake(folder, "--unlock").wait()
+        print(f"killed with {finished(folder)} of {count} meshes at hand", flush=True)
+    seconds, memory = timed(folder, "-j2")
+    whole = time.monotonic() - start
+    cpu = resource.getrusage(resource.RUSAGE_CHILDREN)
+    print(f"all: {whole:.0f} s with five kills; the last run {seconds:.0f} s, {memory:.0f} MB")
+    print(f"CPU of what ended by itself: {(cpu.ru_utime + cpu.ru_stime) / count:.3f} s a mesh")
+    print("nothing to do: {:.1f} s, {:.0f} MB".format(*timed(folder, "-j2")))
+    store = pandis.LabelStore(folder / "results/datasets/data")
+    assert len({*store.names, *store.failed}) == count == store.summary.meshes
+    print(store.summary.model_dump_json(indent=1))
+    jobs = len(list((folder / "results/datasets/data/shards").glob("*.zip"))) + 1
+    print(f"{jobs} jobs; every one of {count} meshes stands in the index once")
+
+
+def throughput(folder, count):
+    """Label shared meshes as they are, with many rows; those that are valid as read, and all."""
+    rng, place = np.random.default_rng(1), folder / "whole"
+    place.mkdir(parents=True, exist_ok=True)
+    read = {}
+    for number in range(count):
+        source = sources()[number % len(sources())]
+        if source not in read:
+            mesh = simplified(source, 10**7, place / "source.ply")
+            usable = mesh is not None and 0 < len(mesh.faces) <= 250_000
+            read[source] = mesh if usable else None
+        mesh = read[source]
+        if mesh is None:
+            continue
+        turn = Rotation.random(random_state=rng).as_matrix()
+        data = mesh_bytes("ply", np.array(mesh.vertices) @ turn.T, np.array(mesh.faces))
+        (place / f"w{number:03}.ply").write_bytes(data)
+    (place / "source.ply").unlink(missing_ok=True)
+    paths = sorted(place.glob("*.ply"))
+    valid = [path for path in paths if pandis.check(path).ok]
+    for name, chosen in (("valid", valid), ("all", paths)):
+        listing = folder / f"{name}.txt"
+        listing.write_text("\n".join(str(path.resolve()) for path in chosen))
+        before = resource.getrusage(resource.RUSAGE_CHILDREN)
+        started, clock = time.process_time(), time.monotonic()
+        store = pandis.label_meshes(listing, folder / f"{name}.zarr", workers=1, **LARGE)
+        after = resource.getrusage(resource.RUSAGE_CHILDREN)
+        cpu = after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
+        cpu += time.process_time() - started
+        faces = np.array([mesh.faces_read for mesh in store.facts.values()])
+        quartiles = np.percentile(faces, (0, 25, 50, 75, 100)).astype(int).tolist()
+        print(
+            f"{name}: {len(chosen)} meshes ({len(store.names)} ready), faces {quartiles}: "
+            f"{cpu:.0f} CPU s, {time.monotonic() - clock:.0f} s; {60 * len(chosen) / cpu:.1f} a "
+            "core minute",
+            flush=True,
+        )
+
+
+def labels(path, rows=10_000):
+    """Compare stored rows with exact winding numbers and distances."""
+    store = pandis.LabelStore(path, columns=ROWS)
+    wrong = total = beyond = 0
+    worst = 0.0
+    for name in store.names:
+        vertices, faces = store.mesh(name)
+        centre, scaled = store.frame(name)
+        corners, faces = (vertices - centre) * scaled, faces.astype(np.int64)
+        drawn = {key: value[:rows] for key, value in store.rows(name).items()}
+        points = drawn["points"].astype(np.float64)
+        inside = igl.winding_number(corners, faces, points) > 0.5
+        exact = np.sqrt(igl.point_mesh_squared_distance(points, corners, faces)[0])
+        wrong += int((inside != (drawn["distance"] < 0)).sum())
+        off = np.abs(np.abs(drawn["distance"].astype(np.float64)) - exact)
+        beyond += int((off > np.spacing(exact.astype(np.float32)) + 1e-15).sum())
+        worst, total = max(worst, off.max()), total + len(points)
+    print(
+        f"{total:,} rows of {len(store.names)} meshes: {wrong} wrong signs; {beyond} labels more "
+        f"than a unit in the last place from the exact distance, at most {worst:.2g} off"
+    )
+
+
+def reading(folder):
+    """Time random rows of a mesh of a million, and a DataLoader."""
+    (folder / "one").mkdir(parents=True, exist_ok=True)
+    ball = trimesh.creation.icosphere(subdivisions=4)
+    (folder / "one/ball.ply").write_bytes(mesh_bytes("ply", ball.vertices, ball.faces))
+    million = {"surface": 200_000, "near": 400_000, "volume": 400_000}
+    pandis.label_meshes(folder / "one", folder / "one.zarr", **million)
+    size = (folder / "one.zarr/shards/00000.zarr.zip").stat().st_size
+    store = pandis.LabelStore(folder / "one.zarr")
+    store.draw("ball", seed=0)
+    times = []
+    for seed in range(1, 200):
+        start = time.perf_counter()
+        store.draw("ball", seed=seed)
+        times.append(time.perf_counter() - start)
+    share = store.chunk / 1e6
+    print(f"{store.chunk} rows of a million: median {1e3 * np.median(times):.1f} ms, 99 % "
+          f"{1e3 * np.percentile(times, 99):.1f} ms; {100 * share:.1f} % of two of five arrays in "
+          f"{size / 1e6:.0f} MB")  # fmt: skip
+    loader = torch.utils.data.DataLoader(store, batch_size=None, shuffle=True, num_workers=2,
+                                         persistent_workers=True)  # fmt: skip
+    for _ in range(3):
+        start, rows = time.perf_counter(), 0
+        for _ in range(5):
+            for chunk in loader:
+                rows += len(chunk["distance"])
+        print(
+            f"DataLoader, two workers: {rows / (time.perf_counter() - start) / 1e6:.2f} million/s"
+        )
+
+
+def main(command, folder, count=None):
+    folder = Path(folder)
+    if command == "variants":
+        write_variants(folder / "meshes", int(count or 10_000))
+    elif command == "throughput":
+        throughput(folder, int(count or 200))
+    else:
+        {"scale": scale, "labels": labels, "reading": reading}[command](folder)
+
+
+if __name__ == "__main__":
+    main(*sys.argv[1:])
