@@ -36,7 +36,7 @@ all_cores = workflow.resource_settings.cores or 1
 
 wildcard_constraints:
     mesh="|".join([*plan.meshes, *plan.refused]) or "no-mesh",
-    dataset="|".join(plan.datasets.options) or "no-dataset",
+    dataset="|".join(plan.datasets.planned) or "no-dataset",
     shard=r"\d{5}",
     scene="|".join(plan.scenes) or "no-scene",
     recipe="|".join(plan.recipes) or "no-recipe",

@@ -26,6 +26,7 @@ OPTIONS = ROOT / "config" / "README.md"
 README = ROOT / "README.md"
 REPAIR = ROOT / "docs" / "repair.md"
 SOLID = ROOT / "docs" / "solid.md"
+SIGNS = ROOT / "docs" / "benchmarks" / "signs.md"
 BENCHMARKS = ROOT / "docs" / "benchmarks"
 SPHERE = ROOT / "docs" / "sphere.md"
 TRAINING = ROOT / "docs" / "training.md"
@@ -221,6 +222,7 @@ def generated():
         SPHERE: with_generated(SPHERE, sphere=tables.sphere_table()),
         REPAIR: with_generated(REPAIR, repair=tables.repair_table()),
         SOLID: with_generated(SOLID, solid=tables.solid_table()),
+        SIGNS: with_generated(SIGNS, signs=tables.signs_table()),
         **_benchmarks(),
         **charts.charts(),
         api.PYTHON: api.python_page(),

@@ -439,6 +439,28 @@ def solid_table():
     return _noted(table, notes)
 
 
+def signs_table():
+    """Return the table of wrong signs of libraries, in per mille of the points of each mesh."""
+    notes, rows = read_figures("signs")
+    names = list(dict.fromkeys(row["mesh"] for row in rows))
+    table = [
+        "| library | version | " + " | ".join(names) + " |",
+        "|---|---|" + "--:|" * len(names),
+    ]
+    for library in dict.fromkeys(row["library"] for row in rows):
+        same = [row for row in rows if row["library"] == library]
+        cells = [
+            "–" if row["error"] else _per_mille(int(row["wrong"]), int(row["points"]))
+            for row in same
+        ]
+        table.append(_row([library, same[0]["version"] or "this one", *cells]))
+    return _noted(table, notes)
+
+
+def _per_mille(wrong, points):
+    return f"{1000 * wrong / points:.2g}" if wrong else "0"
+
+
 def contact_table():
     """Return the table of a contact's cost, force and depth."""
     notes, rows = read_figures("contact")

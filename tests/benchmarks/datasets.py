@@ -16,14 +16,17 @@ Usage: PANDIS_MESHES=FOLDER .venv/bin/python tests/benchmarks/datasets.py COMMAN
 
 import os
 import resource
+import shutil
 import signal
 import subprocess
 import sys
+import tempfile
 import time
 from pathlib import Path
 
 import igl
 import numpy as np
+import pymeshlab
 import torch
 import trimesh
 import yaml
@@ -50,37 +53,44 @@ def sources():
     return sorted(p for p in folder.rglob("*") if p.suffix.lower() in ENDINGS)
 
 
-def shapes():
-    """Yield closed forms as meshes of tens of thousands of faces."""
-    for name in ("sphere", "torus", "box", "capsule"):
-        vertices, faces = find_shape(name).tessellation()
-        yield trimesh.Trimesh(vertices, faces, process=False)
+def simplify(source, folder):
+    """Write a mesh with each number of faces; in a process of its own, for some files crash it."""
+    meshes = pymeshlab.MeshSet()
+    meshes.load_new_mesh(source)
+    for faces in sorted(LEVELS, reverse=True):
+        if meshes.current_mesh().face_number() > faces:
+            meshes.meshing_decimation_quadric_edge_collapse(targetfacenum=faces)
+        if 1000 <= meshes.current_mesh().face_number() <= 1.5 * faces:
+            meshes.save_current_mesh(f"{folder}/{faces}.ply")
 
 
-def simple(mesh, faces):
-    """Return a mesh with at most so many faces, or itself."""
-    if len(mesh.faces) <= faces:
-        return mesh
-    vertices = np.asfortranarray(mesh.vertices, np.float64)
-    simple_mesh = igl.qslim(vertices, np.asfortranarray(mesh.faces, np.int32), faces)
-    return trimesh.Trimesh(simple_mesh[0], simple_mesh[1], process=False)
+def levels_of(source, folder):
+    """Return vertices and faces of a source by their number of faces, where that can be had."""
+    folder.mkdir()
+    command = [sys.executable, __file__, "simplify", str(source), str(folder)]
+    subprocess.run(command, capture_output=True, check=False, timeout=300)
+    read = {int(path.stem): trimesh.load(path, force="mesh", process=False)
+            for path in folder.glob("*.ply")}  # fmt: skip
+    return {level: (np.array(mesh.vertices), np.array(mesh.faces)) for level, mesh in read.items()}
 
 
 def write_variants(folder, count):
     """Write the meshes."""
-    rng, levels = np.random.default_rng(0), {}
+    rng, work = np.random.default_rng(0), Path(tempfile.mkdtemp())
     folder.mkdir(parents=True)
-    read = [simplified(path, 20_000, folder / "source.ply") for path in sources()]
-    (folder / "source.ply").unlink(missing_ok=True)
-    meshes = [mesh for mesh in read if mesh is not None and len(mesh.faces) >= 1000]
-    meshes += list(shapes())
+    files = sources()
+    for name in ("sphere", "torus", "box", "capsule"):
+        path = work / f"{name}.ply"
+        path.write_bytes(mesh_bytes("ply", *find_shape(name).tessellation()))
+        files.append(path)
+    read = [levels_of(path, work / str(number)) for number, path in enumerate(files)]
+    shutil.rmtree(work)
+    read = [levels for levels in read if levels]
+    print(f"{len(read)} of {len(files)} files can be simplified", flush=True)
     for number in range(count):
-        source = number % len(meshes)
-        level = rng.choice(LEVELS, p=SHARES)
-        if (source, level) not in levels:
-            levels[source, level] = simple(meshes[source], level)
-        mesh = levels[source, level]
-        vertices, faces = np.array(mesh.vertices), np.array(mesh.faces)
+        levels = read[number % len(read)]
+        share = np.array([SHARES[LEVELS.index(level)] for level in levels])
+        vertices, faces = levels[rng.choice(list(levels), p=share / share.sum())]
         way = rng.integers(8)
         if way == 0:  # cut open
             direction = rng.normal(size=3)
@@ -90,10 +100,10 @@ def write_variants(folder, count):
             diagonal = np.linalg.norm(np.ptp(vertices, axis=0))
             vertices = vertices + rng.normal(0, 2e-4 * diagonal, vertices.shape)
         turn = Rotation.random(random_state=rng).as_matrix()
-        vertices = vertices @ turn.T * np.exp(rng.normal())
         path = folder / f"{number % 100:02}" / f"m{number:05}.ply"
         path.parent.mkdir(exist_ok=True)
-        path.write_bytes(mesh_bytes("ply", vertices, faces))
+        data = mesh_bytes("ply", vertices @ turn.T * np.exp(rng.normal()), faces)
+        path.write_bytes(data)
 
 
 def snakemake(folder, *arguments):
@@ -243,13 +253,14 @@ def reading(folder):
 
 
 def main(command, folder, count=None):
-    folder = Path(folder)
-    if command == "variants":
-        write_variants(folder / "meshes", int(count or 10_000))
+    if command == "simplify":
+        simplify(folder, count)
+    elif command == "variants":
+        write_variants(Path(folder) / "meshes", int(count or 10_000))
     elif command == "throughput":
-        throughput(folder, int(count or 200))
+        throughput(Path(folder), int(count or 200))
     else:
-        {"scale": scale, "labels": labels, "reading": reading}[command](folder)
+        {"scale": scale, "labels": labels, "reading": reading}[command](Path(folder))
 
 
 if __name__ == "__main__":

@@ -1,12 +1,15 @@
 """Data sets: what becomes of each mesh, exact rows, work that is done once, and layouts."""
 
 import csv
+import fcntl
+import hashlib
 import io
 import os
 import signal
 import subprocess
 import sys
 import tarfile
+import tempfile
 import time
 import zipfile
 from pathlib import Path
@@ -26,7 +29,7 @@ from pandis.pipeline.geometry.strata import STRATA
 from pandis.pipeline.run.ask.datasets import DatasetOptions
 from pandis.pipeline.run.ask.members import RATIO, Member, members
 from pandis.pipeline.run.ask.sharding import shard_count, shard_of
-from support import environment
+from support import ROOT, environment
 
 FEW = {"surface": 300, "near": 500, "volume": 400, "seed": 3}
 
@@ -245,7 +248,7 @@ def test_a_mesh_beyond_its_time_costs_itself_alone_and_is_tried_again_with_more(
 
 
 def test_a_process_that_ends_is_a_result():
-    work = Work(Member("box", "none.ply"), {}, {}, 0, output="/nowhere/box.npz")
+    work = Work(None, {}, {}, 0)  # raises before anything can be answered
     pool = Pool(1, seconds=60, memory_gb=4)
     answers = [answer for _, answer in pool.answers([work, work])]
     assert all(isinstance(answer, Lost) for answer in answers)
@@ -280,6 +283,10 @@ def test_a_store_of_other_options_is_not_mixed(folder, tmp_path):
         ({"surface": 0, "near": 0, "volume": 0}, "no points"),
         ({"override": {"box": {"mesh": {"opn": 1}}}}, "override.box.mesh.opn: unknown option"),
         ({"override": {"vase": {}}}, "there is no mesh vase"),
+        (
+            {"override": {"box": {"samples": dict.fromkeys(("surface", "near", "volume"), 0)}}},
+            "override.box.samples: no points",
+        ),
         ({"table": "none.csv"}, "there is no file or folder 'none.csv'"),
         ({"chunk": 0}, "chunk"),
     ],
@@ -288,6 +295,122 @@ def test_wrong_options_are_refused(folder, tmp_path, options, message):
     with pytest.raises(PandisError, match=message):
         label(folder, tmp_path / "parts.zarr", **options)
     assert not (tmp_path / "parts.zarr").exists()
+
+
+def test_an_index_is_not_read_over_newer_shards(folder, tmp_path):
+    """Otherwise a mesh that was added would answer for its neighbour."""
+    store, _ = label(folder, tmp_path / "parts.zarr")
+    old = (store.path / "index.zarr.zip").read_bytes()
+    shape("icosphere", subdivisions=1).export(folder / "a.ply")
+    label(folder, store.path)
+    (store.path / "index.zarr.zip").write_bytes(old)
+    with pytest.raises(PandisError, match="newer than the index"):
+        pandis.LabelStore(store.path).rows("box")
+
+
+def test_a_worker_whose_parent_has_died_writes_nothing(folder, tmp_path):
+    work = Work(Member("box", str(folder / "box.ply"), digest="0" * 64), {}, {}, 0,
+                output=str(tmp_path / "box.npz"))  # fmt: skip
+    read, write = os.pipe()
+    os.close(read)
+    command = [sys.executable, "-m", "pandis.pipeline.dataset.worker", str(4 << 30)]
+    process = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=write,
+                               env=environment(PYTHONPATH=str(ROOT / "workflow")))  # fmt: skip
+    os.close(write)
+    process.communicate(work.to_json().encode() + b"\n")
+    assert process.returncode == 1 or not (tmp_path / "box.npz").exists()
+    stored = tmp_path / "box.npz"
+    assert not stored.exists() or "defect" not in str(np.load(stored)["facts"])
+
+
+def test_what_failed_for_want_of_memory_is_tried_again_with_more(folder, tmp_path):
+    path = tmp_path / "parts.zarr"
+    assert not label(folder, path, memory_gb=0.2)[0].names
+    store, computed = label(folder, path, memory_gb=4)
+    assert (computed, len(store.names)) == (4, 3)
+
+
+def test_a_full_disk_ends_the_run_and_is_forgotten(folder, tmp_path):
+    path = tmp_path / "parts.zarr"
+    program = (
+        "import resource, pandis\n"
+        "resource.setrlimit(resource.RLIMIT_FSIZE, (200_000, 200_000))\n"
+        f"pandis.label_meshes({str(folder)!r}, {str(path)!r}, surface=30_000)\n"
+    )
+    path_of_library = environment(PYTHONPATH=str(ROOT / "workflow"))
+    done = subprocess.run([sys.executable, "-c", program], text=True, capture_output=True,
+                          check=False, env=path_of_library)  # fmt: skip
+    assert "cannot write" in done.stderr
+    assert not (path / "index.zarr.zip").exists()
+    store = pandis.label_meshes(folder, path, surface=30_000)
+    assert len(store.names) == 3
+
+
+def test_a_mesh_that_cannot_be_fetched_is_tried_at_every_run(tmp_path):
+    (tmp_path / "list.txt").write_text(f"http://127.0.0.1:9/a.ply {'0' * 64}\n")
+    for _ in range(2):
+        store, computed = label(tmp_path / "list.txt", tmp_path / "s.zarr")
+        assert computed == 1
+        assert "cannot be fetched" in store.failed["a"].reason
+
+
+def test_a_store_is_written_by_one_process(folder, tmp_path):
+    store, _ = label(folder, tmp_path / "parts.zarr")
+    with (store.path / ".lock").open("w") as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        with pytest.raises(PandisError, match="another process is writing this store"):
+            label(folder, store.path)
+
+
+def test_a_file_that_gets_the_right_ending_is_read(tmp_path):
+    (tmp_path / "meshes").mkdir()
+    shape("box", extents=(1, 1, 1)).export(tmp_path / "box.obj")
+    (tmp_path / "box.obj").rename(tmp_path / "meshes/box.stl")
+    store, _ = label(tmp_path / "meshes", tmp_path / "s.zarr")
+    assert "box" in store.failed
+    (tmp_path / "meshes/box.stl").rename(tmp_path / "meshes/box.obj")
+    assert label(tmp_path / "meshes", store.path)[0].names == ["box"]
+
+
+def test_a_finished_shard_is_checked_before_it_is_taken(folder, tmp_path):
+    store, _ = label(folder, tmp_path / "parts.zarr")
+    shard = store.path / "shards/00000.zarr.zip"
+    whole = shard.read_bytes()
+    damaged = bytearray(whole)
+    damaged[300:320] = bytes(20)
+    shard.unlink()  # not through the hard link
+    shard.write_bytes(damaged)
+    with pytest.raises(PandisError, match="damaged"):
+        list(pandis.LabelStore(store.path, columns=ROWS))
+    label(folder, store.path)
+    assert shard.read_bytes() == whole
+
+
+def test_nothing_stays_in_the_temporary_folder(folder, tmp_path, monkeypatch):
+    with zipfile.ZipFile(tmp_path / "all.zip", "w") as archive:
+        grid = np.random.default_rng(0).random((300, 3, 3))
+        soup = trimesh.Trimesh(grid.reshape(-1, 3), np.arange(900).reshape(-1, 3), process=False)
+        archive.writestr("soup.ply", trimesh.exchange.ply.export_ply(soup))
+    (tmp_path / "tmp").mkdir()
+    monkeypatch.setenv("TMPDIR", str(tmp_path / "tmp"))
+    monkeypatch.setattr(tempfile, "tempdir", None)
+    store, _ = label(tmp_path / "all.zip", tmp_path / "s.zarr", seconds=2)
+    assert "longer than 2 s" in store.failed["soup"].reason
+    assert not list((tmp_path / "tmp").iterdir())
+
+
+def test_rows_that_do_not_exist_are_refused(folder, tmp_path):
+    store, _ = label(folder, tmp_path / "parts.zarr")
+    for chunk in (-1, 1):
+        with pytest.raises(IndexError):
+            store.rows("box", chunk)
+    for columns in ((), ("sdf",)):
+        with pytest.raises(PandisError, match="columns: a tuple"):
+            pandis.LabelStore(store.path, columns=columns)
+    with pytest.raises(PandisError, match="no rows of vase"):
+        store.draw("vase")
+    with pytest.raises(PandisError, match="workers: expected a whole number from 1"):
+        pandis.label_meshes(folder, store.path, workers=0)
 
 
 # --- sources ----------------------------------------------------------------------------------
@@ -363,6 +486,67 @@ def test_an_archive_writes_nothing_outside_and_its_good_meshes_are_labelled(tmp_
     assert sum("times its size" in why for why in reasons) == (ending == "zip")
     assert not outside.exists()
     assert not Path("/tmp/pandis-abs.ply").exists()
+
+
+@pytest.mark.parametrize("ending", ["zip", "tar"])
+def test_digests_in_a_table_are_those_of_the_files_in_an_archive(tmp_path, ending):
+    path, data = tmp_path / f"all.{ending}", ball()
+    if ending == "zip":
+        with zipfile.ZipFile(path, "w") as archive:
+            [archive.writestr(f"{name}.ply", data) for name in "ab"]
+    else:
+        with tarfile.open(path, "w") as archive:
+            for name in "ab":
+                info = tarfile.TarInfo(f"{name}.ply")
+                info.size = len(data)
+                archive.addfile(info, io.BytesIO(data))
+    right = hashlib.sha256(data).hexdigest()
+    (tmp_path / "t.csv").write_text(f"name,sha256\na,{right}\nb,{'0' * 64}\n")
+    store, _ = label(path, tmp_path / "s.zarr", table=str(tmp_path / "t.csv"))
+    assert store.names == ["a"]
+    assert "but the table says 000" in store.failed["b"].reason
+
+
+def test_a_tar_that_unpacks_to_much_more_is_refused(tmp_path):
+    with tarfile.open(tmp_path / "all.tar.xz", "w:xz") as archive:
+        info = tarfile.TarInfo("bomb.ply")
+        info.size = 30_000_000
+        archive.addfile(info, io.BytesIO(bytes(info.size)))
+    assert "times the size of the archive" in listed(tmp_path / "all.tar.xz")["bomb"].fault
+
+
+def test_awkward_names_cost_nothing_but_their_meshes(tmp_path):
+    place = tmp_path / "parts [v2] <x>"
+    place.mkdir()
+    for name in (b"caf\xe9.ply", b"a" * 250 + b".ply", b"<!--<script>.ply", b"good.ply"):
+        with open(os.path.join(os.fsencode(place), name), "wb") as stream:
+            stream.write(ball())
+    store, _ = label(place, tmp_path / "s.zarr")
+    assert {"<!--<script>", "good"} <= set(store.names)
+    assert any("not UTF-8" in why.reason for why in store.failed.values())
+    page = (store.path / "card.html").read_text(encoding="utf-8")
+    assert "<!--<script>" not in page
+
+
+def test_a_path_above_a_list_is_no_name_above_the_store(tmp_path):
+    (tmp_path / "lists").mkdir()
+    (tmp_path / "a.ply").write_bytes(ball())
+    (tmp_path / "lists/l.txt").write_text("../a.ply\n")
+    (tmp_path / "lists/t.csv").write_text("source,name\n../a.ply,../../b\n")
+    assert set(listed(tmp_path / "lists/l.txt")) == {"a"}
+    assert "leaves the data set" in listed(tmp_path / "lists/t.csv")["b"].fault
+
+
+def test_layouts_refuse_names_that_they_cannot_tell_apart(tmp_path):
+    for name in ("a/b/x", "a-b/x"):
+        (tmp_path / "meshes" / name).parent.mkdir(parents=True)
+        (tmp_path / "meshes" / f"{name}.ply").write_bytes(ball())
+    store, _ = label(tmp_path / "meshes", tmp_path / "s.zarr")
+    for layout in LAYOUTS:
+        with pytest.raises(PandisError, match="would both be written to"):
+            store.export(layout, tmp_path / "out")
+    with pytest.raises(PandisError, match="at least 1"):
+        store.export("npz", tmp_path / "out", volume=-1)
 
 
 def test_a_damaged_archive_is_refused(tmp_path):
@@ -490,7 +674,7 @@ def test_rows_are_written_as_files_and_as_tars(ball_store, tmp_path):
 def test_unknown_layouts_and_columns_are_refused(ball_store, tmp_path):
     with pytest.raises(PandisError, match=f"there are {LAYOUTS[0]}"):
         ball_store.export("obj", tmp_path / "out")
-    with pytest.raises(PandisError, match="unknown columns sdf"):
+    with pytest.raises(PandisError, match="is needed, not"):
         pandis.LabelStore(ball_store.path, columns=("sdf",))
     with pytest.raises(PandisError, match="no finished data set"):
         pandis.LabelStore(tmp_path)

@@ -307,7 +307,9 @@ def test_the_program_of_the_page_runs(box, capsys):
     (text,) = re.findall("```python\n([^`]*import Bridge.*?)```", page, re.S)
     _, model, data = bridge_of(box)
     exec(text, {"model": model, "data": data})
-    assert "ran to its end" in capsys.readouterr().out
+    said = capsys.readouterr().out
+    assert "ran to its end" in said
+    assert float(re.search(r"largest force: ([\d.]+) N", said)[1]) > 0.5
     assert data.time == pytest.approx(2.0)
     assert data.qvel[2] < -0.1
 

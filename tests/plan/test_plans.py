@@ -390,14 +390,20 @@ def test_faults_of_every_part_of_a_configuration_are_reported_at_once():
         "until": "report",
         "seed": -1,
         "meshes": {"torus": {"source": "missing.stl"}, "cup": {"source": "analytic:torus", "x": 1}},
-        "scenes": {"table": {"objects": {"a": {"mesh": "vase", "field": "exact"}}}},
-    }
+        "scenes": {"table": {"objects": {
+            "a": {"mesh": "vase", "field": "exact"}, "b": {"mesh": "cup", "field": "exakt"},
+            "c": {"mesh": "cup", "field": "mine"},
+        }}},
+        "train": {"mine": {}},
+        "datasets": {"parts": {"source": "none"}},
+    }  # fmt: skip
     with pytest.raises(ConfigError) as error:
         Plan(config, ROOT / "workflow")
     for key in ("results", "until", "seed", "meshes.torus.source", "meshes.cup.x",
-                "scenes.table.objects.a.mesh"):  # fmt: skip
+                "scenes.table.objects.a.mesh", "scenes.table.objects.b.field",
+                "datasets.parts.source"):  # fmt: skip
         assert f"\n  {key}: " in str(error.value)
-    assert "6 faults" in str(error.value)
+    assert "8 faults" in str(error.value)
 
 
 @pytest.mark.parametrize(

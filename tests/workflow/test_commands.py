@@ -348,7 +348,11 @@ def test_run_writes_a_configuration_and_carries_it_out(workspace):
         done = subprocess.run([*command, *other], cwd=workspace, env=environment(**path), text=True,
                               capture_output=True, check=False)  # fmt: skip
         assert done.returncode == 3
-        assert "part.yaml was written for other meshes or options" in done.stderr
-    done = subprocess.run([*command, "--force"], cwd=workspace, env=environment(**path), text=True,
-                          capture_output=True, check=False)  # fmt: skip
-    assert "export_native        2" in done.stdout
+        assert "part.yaml was edited, and was written for other meshes or options" in done.stderr
+    for more in (["--force"], ["--unit", "m"], ["--solid"]):  # what nobody edited is replaced
+        done = subprocess.run([*command, *more], cwd=workspace, env=environment(**path), text=True,
+                              capture_output=True, check=False)  # fmt: skip
+        assert "export_native        2" in done.stdout
+        assert "wrote part.yaml" in done.stderr
+    written = yaml.safe_load((workspace / "part.yaml").read_text())
+    assert written["mesh"] == {"unit": "mm", "solid": "always"}

@@ -124,7 +124,8 @@ class _Command:
             if self.name == "repair":
                 mesh_format(output)
             elif output.suffix != _ENDINGS[self.name]:
-                raise PandisError(f"-o {output}: the ending must be {_ENDINGS[self.name]}")
+                store = ", or .zarr for many meshes" * (self.name == "labels")
+                raise PandisError(f"-o {output}: the ending must be {_ENDINGS[self.name]}{store}")
             return [output]
         names = [stem_of(path) + _ENDINGS[self.name] for path in words.meshes]
         for name in names:
@@ -171,6 +172,7 @@ class _Command:
         line = (
             f"{output}: {len(mesh.faces):,} faces; {did}; from source to result at most "
             f"{moved['to_result']['max']:.3g}, back {moved['to_source']['max']:.3g}"
+            + _invented(mesh.record)
         )
         row = {
             "mesh": path, "output": str(output), "faces": len(mesh.faces), "rungs": mesh.rungs,
@@ -210,3 +212,12 @@ class _Command:
             raise ConfigError(f"{path}: {why} {path} {words.field}", {"field": why})
         comparison = pandis.compare(words.field, path, log=log, probes=words.probes, **self.options)
         return str(comparison), json.loads(comparison.to_json()), "", comparison.ok
+
+
+def _invented(record):
+    """Return how much of a repaired surface has no counterpart in the source; empty if none has."""
+    shares = {"caps": record.deviation["to_source"].get("caps", 0.0)}
+    if record.solid:
+        shares["thickened sheets"] = record.solid.sheets
+    named = [f"{100 * share:.2g} % {what}" for what, share in shares.items() if share]
+    return f"; of the surface {' and '.join(named)} were added" if named else ""

@@ -32,6 +32,7 @@ def add_options(name, parser):
     )
     parser.add_argument("--size", default="0.1", help="longest side on a device: 60 mm, or m (0.1)")
     parser.add_argument("--unit", help="unit of the meshes, for reports: mm, m, … (the files')")
+    parser.add_argument("--solid", action="store_true", help="make solids of broken meshes")
     parser.add_argument("--stiffness", type=float, default=400.0, help="stiffness, N/m (400)")
     parser.add_argument("--force", action="store_true", help="write the configuration anew")
     parser.add_argument("-j", "--jobs", type=int, default=2, help="jobs at once (2)")
@@ -65,34 +66,50 @@ def _write(words):
     first = next(iter(meshes))
     path = Path(words.output or f"{first}.yaml")
     check_output(path, force=True)
-    folder = re.sub(r"[^A-Za-z0-9_-]", "-", path.stem)
-    size = words.size if re.fullmatch(r"[\d.e-]+", words.size) else json.dumps(words.size)
-    lines = [
-        _written_for(words, meshes),
-        f"results: results/{folder}",
-        f"fields: {json.dumps(words.fields.split(','))}",
-        f"device: {{size: {size}, stiffness: {words.stiffness!r}}}",
-        *([f"mesh: {{unit: {json.dumps(words.unit)}}}"] if words.unit else []),
-        "meshes:",
-        *(f"  {name}: {{source: {json.dumps(text)}}}" for name, text in meshes.items()),
-    ]
-    text = "\n".join(lines) + "\n"
-    if words.force or not path.exists():
-        write_new(path, text.encode(), force=True)
+    options = {"fields": words.fields, "size": words.size, "unit": words.unit,
+               "solid": words.solid, "stiffness": words.stiffness, "meshes": meshes}  # fmt: skip
+    text = _configuration(path, options)
+    there = path.read_text(encoding="utf-8", errors="replace") if path.exists() else None
+    if words.force or there is None or _is_unedited(path, there):
+        if there != text:
+            write_new(path, text.encode(), force=True)
+            print(f"wrote {path}", file=sys.stderr)
         return path
-    there = path.read_text(encoding="utf-8", errors="replace")
-    if not there.startswith(lines[0] + "\n"):
+    if there.partition("\n")[0] != text.partition("\n")[0]:
         raise PandisError(
-            f"{path} was written for other meshes or options than these: name another file with "
-            "-o, or replace it with --force"
+            f"{path} was edited, and was written for other meshes or options than these: name "
+            "another file with -o, or replace it with --force"
         )
-    if there != text:
-        print(f"{path} has been edited and is used as it is; --force writes it anew",
-              file=sys.stderr)  # fmt: skip
+    print(f"{path} has been edited and is used as it is; --force writes it anew", file=sys.stderr)
     return path
 
 
-def _written_for(words, meshes):
-    """Return the first line of a configuration, which says for what it was written."""
-    options = words.fields, words.size, words.unit, words.stiffness
-    return f"# for {json.dumps([*options, meshes])}"
+def _configuration(path, options):
+    """Return the text of a configuration; its first line says for what it was written."""
+    mesh, size = {}, options["size"]
+    if not re.fullmatch(r"[\d.e-]+", size):  # a length with a unit
+        size = json.dumps(size)
+    if options["unit"]:
+        mesh["unit"] = options["unit"]
+    if options["solid"]:
+        mesh["solid"] = "always"
+    folder = re.sub(r"[^A-Za-z0-9_-]", "-", path.stem)
+    lines = [
+        f"# for {json.dumps(options)}",
+        f"results: results/{folder}",
+        f"fields: {json.dumps(options['fields'].split(','))}",
+        f"device: {{size: {size}, stiffness: {options['stiffness']!r}}}",
+        *([f"mesh: {json.dumps(mesh)}"] if mesh else []),
+        "meshes:",
+        *(f"  {name}: {{source: {json.dumps(text)}}}" for name, text in options["meshes"].items()),
+    ]
+    return "\n".join(lines) + "\n"
+
+
+def _is_unedited(path, there):
+    """Return whether a configuration is as it was written."""
+    try:
+        options = json.loads(there.partition("\n")[0].removeprefix("# for "))
+        return there == _configuration(path, options)
+    except (ValueError, TypeError, KeyError, AttributeError):
+        return False

@@ -1,20 +1,23 @@
 """Labels many meshes into one store, with the workflow's own stages."""
 
+import fcntl
 import json
 import os
+from contextlib import contextmanager
 from os import PathLike
 from pathlib import Path
 
-from pandis.base.errors import PandisError
+from pandis.base.errors import ArtifactError, ConfigError, PandisError
 from pandis.base.files import write_atomically
 from pandis.base.progress import Log
 from pandis.base.workflow import workflow_folder
 from pandis.pipeline.api.options import sections
 from pandis.pipeline.api.running import Script, run
-from pandis.pipeline.dataset.reading import LabelStore, read_provenance
+from pandis.pipeline.dataset.reading import LabelStore, Shard, read_provenance
 from pandis.pipeline.run.ask.config import plain
 from pandis.pipeline.run.ask.datasets import DatasetOptions
 from pandis.pipeline.run.ask.faults import faults_of, raise_faults
+from pandis.pipeline.run.job.artifact import check_seal
 from pandis.pipeline.run.job.provenance import CodeDigests, needs
 from pandis.pipeline.run.plan.datasets import dataset_task, option_faults, plan_dataset, shard_task
 
@@ -22,6 +25,8 @@ from pandis.pipeline.run.plan.datasets import dataset_task, option_faults, plan_
 PLAIN = ("table", "override", "shards", "chunk", "seconds", "memory_gb")
 #: Options with which a store was begun; another set of them is refused.
 _BEGUN = "options.json"
+#: Files that cover the whole store.
+_WHOLE = ("index.zarr.zip", "card.html", "card.json")
 
 
 def label_meshes(
@@ -59,6 +64,9 @@ def label_meshes(
     PandisError
         The source cannot be read, an option is wrong, or the store was made with other options.
     """
+    if workers is not None and not (type(workers) is int and workers >= 1):
+        why = f"expected a whole number from 1, not {workers!r}"
+        raise ConfigError(f"workers: {why}", {"workers": why})
     config = {key: options.pop(key) for key in PLAIN if key in options}
     config |= sections(options, ("mesh", "samples")) | {"source": os.fspath(source)}
     raise_faults(faults_of(DatasetOptions, config))
@@ -68,6 +76,12 @@ def label_meshes(
     name = folder.stem
     planned = plan_dataset(name, dataset)
     _begin(folder, dataset, force=force)
+    with _alone(folder):
+        return _label(planned, folder, workers=workers, log=log)
+
+
+def _label(planned, folder, *, workers, log):
+    name = planned.name
     tasks = [shard_task(planned, number) for number in range(len(planned.shards))]
     count = sum(map(len, planned.shards))
     log(f"{count} meshes in {len(tasks)} {'shards' if len(tasks) > 1 else 'shard'}")
@@ -76,13 +90,31 @@ def label_meshes(
         wildcards = {"dataset": name, "shard": f"{number:05}"}
         script = Script("shard", wildcards, [path], folder=folder, options=plain(task))
         script.threads = workers or len(os.sched_getaffinity(0))
-        _build(script, log)
-    outputs = [folder / file for file in ("index.zarr.zip", "card.html", "card.json")]
-    options = plain(dataset_task(planned))
-    script = Script("dataset", {"dataset": name}, outputs, folder=folder, options=options)
+        _build(script, log, always=_may_succeed(path))
+    outputs = [folder / file for file in _WHOLE]
+    script = Script("dataset", {"dataset": name}, outputs, folder=folder,
+                    options=plain(dataset_task(planned)))  # fmt: skip
     script.input.update(enumerate(map(str, paths)))
     _build(script, log, always=True)
     return LabelStore(folder)
+
+
+@contextmanager
+def _alone(folder):
+    """Hold the store while it is written.
+
+    Raises
+    ------
+    PandisError
+        Another process holds it.
+    """
+    with (folder / ".lock").open("w") as lock:
+        try:
+            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except OSError:
+            why = f"{folder}: another process is writing this store; wait for it"
+            raise PandisError(why) from None
+        yield
 
 
 def _begin(folder, dataset, *, force):
@@ -104,7 +136,7 @@ def _begin(folder, dataset, *, force):
                 f"{folder} was made with other options ({_differences(stored, values)}); name "
                 "another folder, or make its rows anew with --force (force=True)"
             )
-        for name in ("index.zarr.zip", "card.html", "card.json"):
+        for name in _WHOLE:
             (folder / name).unlink(missing_ok=True)
     write_atomically(begun, text.encode())
 
@@ -113,7 +145,9 @@ def _differences(stored, values):
     try:
         before = json.loads(stored)
     except ValueError:
-        before = {}
+        before = None
+    if not isinstance(before, dict):
+        return _BEGUN
     now = plain(values)
     names = []
     for key in now:
@@ -132,6 +166,23 @@ def _build(script, log, *, always=False):
     output = Path(script.output[0])
     stored = read_provenance(output)
     same = stored is not None and stored["options"] == options
-    if always or not same or stored["code"]["digest"] != script.params["code"]:
+    same = same and stored["code"]["digest"] == script.params["code"] and _is_whole(output)
+    if always or not same:
         output.parent.mkdir(parents=True, exist_ok=True)
         run(script, log)
+
+
+def _may_succeed(path):
+    """Return whether a mesh of a shard failed for a reason that may have passed."""
+    try:
+        return any(mesh.again for mesh in Shard(path).meshes)
+    except ArtifactError:
+        return True
+
+
+def _is_whole(path):
+    try:
+        check_seal(path)
+    except ArtifactError:
+        return False
+    return True

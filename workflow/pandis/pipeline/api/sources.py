@@ -2,6 +2,7 @@
 
 import re
 from os import PathLike
+from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
@@ -85,6 +86,11 @@ def source_of(mesh):
 def _file(text):
     if url_extension(text):
         raise PandisError(f"{text}: download the mesh first, or list it in a configuration")
+    if Path(text).is_dir():
+        raise PandisError(
+            f"{text} is a folder: name its files, or label all of them with "
+            f"`pandis labels {text} -o NAME.zarr`"
+        )
     fault = source_fault(text)
     if fault:
         raise PandisError(fault.removeprefix("source: "))

@@ -1,18 +1,16 @@
 """The card of a data set: a page and a JSON file that say what is in it."""
 
 import base64
-import io
 import json
 from importlib import resources
 
 import jinja2
 import numpy as np
-from matplotlib.image import imsave
 
 from pandis import __version__
 from pandis.base.frame import Frame
 from pandis.pipeline.dataset.reading import Shard
-from pandis.pipeline.report.render import render
+from pandis.pipeline.report.render import render, to_png
 
 #: Pictures on the card, and their side length in pixels.
 _PICTURES, _SIDE = 48, 96
@@ -36,13 +34,12 @@ def build(record, shards):
     template = jinja2.Environment(
         autoescape=True, undefined=jinja2.StrictUndefined, trim_blocks=True, lstrip_blocks=True
     ).from_string(text.read_text(encoding="utf-8"))
-    # "</" would end the script
     data = json.dumps([_row(mesh) for mesh in record.meshes], separators=(",", ":"))
     return template.render(
         about=record,
         summary=record.summary,
         pictures=_pictures(record.meshes, shards),
-        data=data.replace("</", "<\\/"),
+        data=data.replace("<", "\\u003c"),  # a name may contain the end of the script
         version=__version__,
     )
 
@@ -52,12 +49,13 @@ def _row(mesh):
     if mesh.failed:
         why = mesh.failed
         option = ", ".join(f"{key}: {value}" for key, value in why.option.items())
-        cells = [0, 0, 0, "failed", f"{why.stage}: {why.reason}", option]
+        cells = [0, 0, "", "", "failed", f"{why.stage}: {why.reason}", option]
     else:
         about = mesh.kinds or mesh.faults
         counts = ", ".join(f"{count:,} {what}" for what, count in about.items())
         moved = float(f"{mesh.moved_percent:.3g}")
-        cells = [mesh.rows, mesh.faces, moved, mesh.way, counts, ", ".join(mesh.repair)]
+        added = float(f"{100 * (mesh.invented + mesh.sheets):.3g}")
+        cells = [mesh.rows, mesh.faces, moved, added, mesh.way, counts, ", ".join(mesh.repair)]
     return [mesh.name, *cells, mesh.licence, mesh.tags]
 
 
@@ -73,9 +71,8 @@ def _pictures(meshes, shards):
             opened[number] = Shard(shards[number])
         arrays = opened[number].arrays(place, rows=False)
         corners = Frame(mesh.centre, mesh.scale).to_unit(arrays["vertices"])
-        stream = io.BytesIO()
-        imsave(stream, render(corners, arrays["faces"], _SIDE), format="png")
-        uri = f"data:image/png;base64,{base64.b64encode(stream.getvalue()).decode()}"
+        png = to_png(render(corners, arrays["faces"], _SIDE))
+        uri = f"data:image/png;base64,{base64.b64encode(png).decode()}"
         yield {"name": mesh.name, "way": mesh.way, "uri": uri}
 
 

@@ -36,17 +36,19 @@ def collect(paths, options, *, note=lambda path, digest: None):
     ArtifactError
         A shard is missing or damaged.
     """
-    meshes, chunk = [], 0
+    meshes, chunk, digests = [], 0, []
     for number, path in enumerate(paths):
         shard = Shard(path)
         chunk = shard.chunk
         note(path, shard.digest)
+        digests.append(shard.digest)
         meshes += [mesh.model_copy(update={"shard": [number, place]})
                    for place, mesh in enumerate(shard.meshes)]  # fmt: skip
     meshes.sort(key=lambda mesh: mesh.name)
     record = DatasetRecord(
         dataset=options.dataset,
         source=options.source,
+        shards=digests,
         meshes=meshes,
         summary=_summary(meshes),
         strata=STRATA,
@@ -83,22 +85,30 @@ def _causes(failed):
     """Return failures by stage and reason, numbers and names apart, with what would help."""
     causes = {}
     for mesh in failed:
-        why = mesh.failed
-        reason = why.reason
-        for name in filter(None, (mesh.source, mesh.inside)):
-            reason = reason.replace(name, "")
-        reason = re.sub(r"\d[\d,.e+-]*", "…", reason).strip(": ")[:160]
-        causes.setdefault((why.stage, reason), []).append(mesh)
+        reason = mesh.failed.reason
+        for name in filter(None, (mesh.source, mesh.inside, mesh.name)):
+            reason = reason.replace(name, "…")
+        reason = re.sub(r"\d[\d,.e+-]*", "…", reason)[:160]
+        causes.setdefault((mesh.failed.stage, reason), []).append(mesh)
     rows = [
-        Cause(stage=stage, reason=reason, count=len(same), example=same[0].name,
+        Cause(stage=stage, reason=_briefly(same[0]), count=len(same), example=same[0].name,
               option=same[0].failed.option)
-        for (stage, reason), same in causes.items()
+        for (stage, _), same in causes.items()
     ]  # fmt: skip
     return sorted(rows, key=lambda row: (-row.count, row.reason))
 
 
+def _briefly(mesh):
+    """Return why a mesh failed, without the path of its file at the beginning."""
+    return mesh.failed.reason.removeprefix(f"{mesh.source}: ")[:300]
+
+
 def forget(paths):
-    """Remove the last versions of shards from beside them, if their number has changed."""
-    for path in (Path(paths[0]).parent / ".resume").glob("*.zarr.zip"):
+    """Remove shards of an earlier number of shards, and their last versions."""
+    folder, current = Path(paths[0]).parent, {Path(path).name for path in paths}
+    for path in folder.glob("*.zarr.zip"):
+        if path.name not in current:
+            path.unlink()
+    for path in (folder / ".resume").glob("*.zarr.zip"):
         if not path.name.endswith(f"-of-{len(paths):05}.zarr.zip"):
             path.unlink()

@@ -172,13 +172,15 @@ def write_layout(store, layout, folder, *, points=None, seed=0, log=lambda text:
     if layout not in LAYOUTS:
         raise PandisError(f"there is no layout {layout}; there are {', '.join(LAYOUTS)}")
     folder, written = Path(folder), []
+    if (points and min(points) < 1) or seed < 0:
+        raise PandisError("numbers of points must be at least 1, and the seed at least 0")
+    _refuse_equal_places(store.names, layout)
     if layout == "webdataset":
         return _tars(store, folder, log)
     categories = {}
     for name in store.names:
-        category, _, stem = name.rpartition("/")
-        place = {"category": category.replace("/", "-") or "all", "id": stem}
-        categories.setdefault(place["category"], []).append(stem)
+        place = _place(name)
+        categories.setdefault(place["category"], []).append(place["id"])
         if layout == "npz":
             files = {"{category}/{id}.npz": _rows(store, name)}
         else:
@@ -194,6 +196,30 @@ def write_layout(store, layout, folder, *, points=None, seed=0, log=lambda text:
             write_atomically(path, "\n".join(stems).encode())
             written.append(path)
     return written
+
+
+def _place(name):
+    """Return the category and the identifier of a mesh; folders of a name are its category."""
+    category, _, stem = name.rpartition("/")
+    return {"category": category.replace("/", "-") or "all", "id": stem}
+
+
+def _tar_key(name):
+    """Return the key of a mesh in a tar, which ends at the first dot."""
+    return name.replace("/", "-").replace(".", "_")
+
+
+def _refuse_equal_places(names, layout):
+    """Refuse names that a layout cannot tell apart."""
+    places = {}
+    for name in names:
+        key = _tar_key(name) if layout == "webdataset" else "/".join(_place(name).values())
+        if key in places:
+            raise PandisError(
+                f"{places[key]} and {name} would both be written to {key}: rename one, or give "
+                "names in a table"
+            )
+        places[key] = name
 
 
 def _rows(store, name):
@@ -223,10 +249,8 @@ def _tars(store, folder, log):
         with tarfile.open(fileobj=stream, mode="w") as archive:
             for name in names:
                 facts = store.facts[name].model_dump_json().encode()
-                # a key ends at the first dot
-                key = name.replace("/", "-").replace(".", "_")
                 for ending, data in (("npz", _bytes(_rows(store, name))), ("json", facts)):
-                    info = tarfile.TarInfo(f"{key}.{ending}")
+                    info = tarfile.TarInfo(f"{_tar_key(name)}.{ending}")
                     info.size = len(data)
                     archive.addfile(info, io.BytesIO(data))
         path = folder / f"{number:05}.tar"

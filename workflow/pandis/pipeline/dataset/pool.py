@@ -3,9 +3,11 @@
 import json
 import os
 import selectors
+import shutil
 import signal
 import subprocess
 import sys
+import tempfile
 import threading
 import time
 from contextlib import suppress
@@ -13,6 +15,7 @@ from pathlib import Path
 from queue import Empty, SimpleQueue
 
 from pandis.base.children import python_path
+from pandis.base.errors import PandisError
 
 _WORKER = "pandis.pipeline.dataset.worker"
 #: Tasks after which a worker is replaced, so that what libraries leak stays small.
@@ -21,11 +24,14 @@ _ONE_THREAD = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "IG
 
 
 class Lost(Exception):
-    """A worker did not answer; the message says why, ``stage`` where."""
+    """A worker did not answer: the message says why, ``stage`` where.
 
-    def __init__(self, stage, why):
+    ``killed`` says that something else ended it, so that another try may succeed.
+    """
+
+    def __init__(self, stage, why, *, killed=False):
         super().__init__(why)
-        self.stage = stage
+        self.stage, self.killed = stage, killed
 
 
 class Pool:
@@ -104,6 +110,9 @@ class _Worker:
         root = Path(__file__).resolve().parents[3]
         environment = os.environ | {"PYTHONPATH": python_path(root)}
         environment |= dict.fromkeys(_ONE_THREAD, "1")
+        # a worker that is killed leaves its temporary files behind
+        self.scratch = tempfile.mkdtemp(prefix="pandis-worker-")
+        environment["TMPDIR"] = self.scratch
         self.process = subprocess.Popen(
             [sys.executable, "-m", _WORKER, str(int(memory_gb * 2**30))],
             stdin=subprocess.PIPE,
@@ -122,6 +131,8 @@ class _Worker:
             self.process.stdin.flush()
         while True:
             message = json.loads(self._line(stage, until))
+            if "refused" in message:
+                raise PandisError(message["refused"])
             if "written" in message:
                 return message["written"]
             stage = message["stage"]
@@ -140,7 +151,8 @@ class _Worker:
                     continue
                 block = os.read(self.process.stdout.fileno(), 1 << 16)
                 if not block:
-                    raise Lost(stage, self._end())
+                    killed = self.process.wait() == -signal.SIGKILL
+                    raise Lost(stage, self._end(), killed=killed)
                 self._rest += block
         line, _, self._rest = self._rest.partition(b"\n")
         return line
@@ -160,5 +172,7 @@ class _Worker:
         with suppress(ProcessLookupError, PermissionError):
             os.killpg(self.process.pid, signal.SIGKILL)
         self.process.wait()
-        self.process.stdin.close()
+        with suppress(OSError):
+            self.process.stdin.close()
         self.process.stdout.close()
+        shutil.rmtree(self.scratch, ignore_errors=True)

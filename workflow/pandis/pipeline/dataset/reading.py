@@ -82,7 +82,10 @@ class Shard:
 
     def read(self, name, start, stop):
         """Return rows of an array."""
-        return self._open()[name][start:stop]
+        try:
+            return self._open()[name][start:stop]
+        except (OSError, KeyError, ValueError, RuntimeError, zipfile.BadZipFile) as error:
+            raise ArtifactError(f"{self.path}: damaged ({error}); build it again") from error
 
     def _open(self):
         """Return the arrays by name; opened anew in a forked process, which shares no position."""
@@ -108,7 +111,7 @@ class Shard:
         return (self.part(index, ROWS) if rows else {}) | solid
 
     def _range(self, index, name):
-        self._open()
+        self.read("ranges", 0, 0)
         return self._ranges[index, 1 + MESH.index(name) if name in MESH else 0].tolist()
 
 
@@ -151,14 +154,16 @@ class LabelStore:
         self, path: str | PathLike[str], columns: tuple[str, ...] = ("points", "distance")
     ) -> None:
         self.path, self.columns = Path(path), tuple(columns)
-        unknown = set(self.columns) - set(ROWS)
-        if unknown:
-            raise PandisError(f"unknown columns {', '.join(sorted(unknown))}; there are {ROWS}")
+        unknown = ", ".join(sorted(set(self.columns) - set(ROWS)))
+        if isinstance(columns, str) or not self.columns or unknown:
+            raise PandisError(
+                f"columns: a tuple of some of {', '.join(ROWS)} is needed, not {columns!r}"
+            )
         index = self.path / "index.zarr.zip"
         if not index.is_file():
             raise PandisError(f"{path}: there is no index.zarr.zip: this is no finished data set")
         record, _ = read_record(index, DatasetRecord)
-        self.chunk, self.summary = record.chunk, record.summary
+        self.chunk, self.summary, self._digests = record.chunk, record.summary, record.shards
         self.facts = {mesh.name: mesh for mesh in record.meshes if not mesh.failed}
         self.failed = {mesh.name: mesh.failed for mesh in record.meshes if mesh.failed}
         self.names = list(self.facts)
@@ -181,11 +186,16 @@ class LabelStore:
         shard, index = self._place(name)
         if chunk is None:
             return shard.part(index, self.columns)
+        if not 0 <= chunk < -(-self.facts[name].rows // self.chunk):
+            raise IndexError(f"{name} has no chunk {chunk}")
         start = chunk * self.chunk
         return shard.part(index, self.columns, start=start, stop=start + self.chunk)
 
     def draw(self, name: str, seed: int = 0) -> dict[str, np.ndarray]:
         """Return a chunk of a mesh's rows that the seed chooses: a random sample of them."""
+        self._place(name)
+        if seed < 0:
+            raise PandisError(f"the seed must be at least 0, not {seed}")
         chunks = -(-self.facts[name].rows // self.chunk)
         return self.rows(name, int(generator(seed).integers(chunks)))
 
@@ -227,5 +237,11 @@ class LabelStore:
             raise PandisError(f"{self.path}: there are no rows of {name}{why}")
         number, index = self.facts[name].shard
         if number not in self._shards:
-            self._shards[number] = Shard(self.path / f"shards/{number:05}.zarr.zip")
+            shard = Shard(self.path / f"shards/{number:05}.zarr.zip")
+            if shard.digest != self._digests[number]:
+                raise PandisError(
+                    f"{shard.path} is newer than the index: the store is being rebuilt, or that "
+                    "was stopped; run the same command again"
+                )
+            self._shards[number] = shard
         return self._shards[number], index

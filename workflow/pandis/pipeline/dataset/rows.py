@@ -4,7 +4,9 @@ import json
 import tarfile
 import tempfile
 import zipfile
+import zlib
 from contextlib import contextmanager
+from functools import lru_cache
 from pathlib import Path
 from typing import NamedTuple
 
@@ -20,7 +22,13 @@ from pandis.pipeline.mesh.diagnosis import FAULTS
 from pandis.pipeline.mesh.fetch import fetch
 from pandis.pipeline.run.ask.members import LARGEST, Member
 from pandis.pipeline.run.ask.options import SampleOptions
-from pandis.pipeline.run.ask.sourcing import format_of, source_digest, source_files, url_extension
+from pandis.pipeline.run.ask.sourcing import (
+    file_digest,
+    format_of,
+    source_digest,
+    source_files,
+    url_extension,
+)
 from pandis.pipeline.run.ask.tasks import MeshTask
 from pandis.pipeline.run.job.artifact import Artifact
 from pandis.pipeline.run.job.stage import silent_progress
@@ -42,15 +50,23 @@ ROWS = {
     "doubt": ((), np.uint8),
 }
 MESH = {"vertices": ((3,), np.float64), "faces": ((3,), np.int32)}
-#: Changed while it was being worked on.
-CHANGED = "its file was changed after this run was planned; run the same command again"
+
+
+class PassingError(PandisError):
+    """A mesh cannot be read for a reason that may have passed by the next run."""
+
+
+def _changed():
+    return PassingError(
+        "its file was changed after this run was planned; run the same command again"
+    )
 
 
 class Work(NamedTuple):
     """A mesh to label: its options (as of the stages `mesh` and `sample`), and where it goes.
 
     ``seed`` is the root of the data set's random numbers, ``key`` the digest of everything that
-    the rows depend on.
+    the rows depend on, ``limits`` seconds and memory (GiB).
     """
 
     member: Member
@@ -59,6 +75,7 @@ class Work(NamedTuple):
     seed: int
     key: str = ""
     output: str = ""
+    limits: tuple = (300.0, 4.0)
 
     def to_json(self):
         """Return the work as a line of JSON."""
@@ -178,12 +195,8 @@ def local_file(member):
     """
     if not member.inside and not url_extension(member.source):
         path = Path(member.source)
-        try:
-            same = source_digest(source_files(path)) == member.digest
-        except OSError as error:
-            raise PandisError(f"{CHANGED} ({error.strerror})") from None
-        if not same:
-            raise PandisError(CHANGED)
+        if source_digest(source_files(path)) != member.digest:
+            raise _changed()
         yield path
         return
     with tempfile.TemporaryDirectory(prefix="pandis-") as folder:
@@ -192,8 +205,17 @@ def local_file(member):
             _unpack(member, path)
         else:
             path = Path(folder) / f"mesh.{url_extension(member.source)}"
-            path.write_bytes(fetch(member.source, member.digest, silent_progress))
+            path.write_bytes(_fetched(member))
         yield path
+
+
+def _fetched(member):
+    try:
+        return fetch(member.source, member.digest, silent_progress)
+    except PandisError as error:
+        if error.__cause__ is None:  # it was fetched, and is another file
+            raise
+        raise PassingError(str(error)) from error
 
 
 def _ending(name):
@@ -207,16 +229,29 @@ def _unpack(member, path):
             with zipfile.ZipFile(member.source) as archive:
                 info = archive.getinfo(member.inside)
                 if member.digest != f"crc32 {info.CRC:08x} {info.file_size}":
-                    raise PandisError(CHANGED)
+                    raise _changed()
                 with archive.open(info) as stream, path.open("wb") as target:
                     _copy(stream, target)
-            return
-        with tarfile.open(member.source) as archive:
-            stream = archive.extractfile(member.inside)
-            with stream, path.open("wb") as target:
-                _copy(stream, target)
-    except (OSError, EOFError, KeyError, zipfile.BadZipFile, tarfile.TarError) as error:
+        else:
+            stat = Path(member.source).stat()
+            if member.digest != f"{_archive_digest(member.source, stat)} {member.inside}":
+                raise _changed()
+            with tarfile.open(member.source) as archive:
+                stream = archive.extractfile(member.inside)
+                with stream, path.open("wb") as target:
+                    _copy(stream, target)
+    except (EOFError, KeyError, NotImplementedError, RuntimeError, zlib.error, zipfile.BadZipFile,
+            tarfile.TarError) as error:  # fmt: skip
         raise PandisError(f"{member.source}: {member.inside} cannot be read ({error})") from error
+    if member.sha256 and file_digest(path) != member.sha256:
+        raise PandisError(f"its sha256 is {file_digest(path)}, but the table says {member.sha256}")
+
+
+@lru_cache(4)
+def _archive_digest(path, stat):
+    """Return the digest of an archive, once for all its meshes while it is unchanged."""
+    del stat  # a part of the key
+    return file_digest(path)
 
 
 def _copy(stream, target):

@@ -22,6 +22,7 @@ from pandis.pipeline.dataset.rows import MESH, ROWS, Work
 from pandis.pipeline.dataset.worker import failure, write_rows
 from pandis.pipeline.run.ask.members import list_digest, members
 from pandis.pipeline.run.ask.sharding import shard_of
+from pandis.pipeline.run.ask.sourcing import format_of
 from pandis.pipeline.run.records.dataset import MeshFacts, ShardRecord
 
 #: What the array ``ranges`` counts of each mesh: start and count of each, in this order.
@@ -32,8 +33,9 @@ _PLANNED = ("name", "source", "inside", "licence", "tags")
 
 def key_of(work, code):
     """Return the digest of everything that the rows of a mesh depend on."""
+    form = format_of(work.member.inside or work.member.source)
     member = work.member._replace(source="", inside="", licence="", tags="")
-    parts = [member, work.mesh, work.samples, work.seed, code]
+    parts = [member, form, work.mesh, work.samples, work.seed, code]
     return hashlib.sha256(json.dumps(parts, sort_keys=True).encode()).hexdigest()
 
 
@@ -76,7 +78,8 @@ class ShardBuilder:
         samples = options.samples.model_dump() | override.get("samples", {})
         work = Work(member, mesh, samples, options.seed)
         key = key_of(work, code)
-        return work._replace(key=key, output=str(self.folder / f"{key[:32]}.npz"))
+        output = str(self.folder / f"{key[:32]}.npz")
+        return work._replace(key=key, output=output, limits=tuple(self._limits))
 
     def compute(self, workers, progress):
         """Compute the meshes that neither an older shard nor an interrupted job has."""
@@ -102,7 +105,8 @@ class ShardBuilder:
 
     def _take(self, work, answer):
         if isinstance(answer, Lost):
-            facts = failure(answer.stage, str(answer), key=work.key, limits=self._limits)
+            why = {"again": True} if answer.killed else {"limits": self._limits}
+            facts = failure(answer.stage, str(answer), key=work.key, **why)
             write_rows(work.output, facts)
         if not self._resume(work, current=False):
             raise PandisError(f"{work.output}: a worker's result is damaged; run again")

@@ -16,9 +16,13 @@ from pathlib import Path
 import numpy as np
 
 from pandis.base.errors import PandisError, RepairError
-from pandis.pipeline.dataset.rows import CHANGED, Work, mesh_rows
+from pandis.base.files import AtomicFile
+from pandis.pipeline.dataset.rows import PassingError, Work, mesh_rows
 from pandis.pipeline.mesh import tools
 from pandis.pipeline.run.records.dataset import Failure, MeshFacts
+
+#: Why a mesh failed that needs too much.
+_MEMORY = "it needs more memory; raise memory_gb of the data set"
 
 
 def write_rows(path, facts, arrays=None):
@@ -44,20 +48,31 @@ def _answer(work, note):
             stage[0] = name
             note({"stage": name})
 
-    arrays = None
+    arrays, limits = None, list(work.limits)
     try:
         arrays, facts = mesh_rows(work, enter)
     except RepairError as error:
         facts = failure("repair", str(error), option=error.option)
+    except PassingError as error:
+        facts = failure(stage[0], str(error), again=True)
     except PandisError as error:
-        # what was changed during the run has another digest in the next plan
-        facts = failure(stage[0], str(error), again=CHANGED in str(error))
+        facts = failure(stage[0], str(error))
     except MemoryError:
-        facts = failure(stage[0], "it needs more memory; raise memory_gb of the data set")
+        facts = failure(stage[0], _MEMORY, limits=limits)
+    except OSError as error:
+        what = error.strerror or str(error)
+        facts = failure(stage[0], f"a file cannot be read or written: {what}", again=True)
     except Exception as error:
         what = f"{type(error).__name__}: {error}"
-        facts = failure(stage[0], f"a defect of pandis, please report it ({what})")
-    write_rows(work.output, facts.model_copy(update={"key": work.key}), arrays)
+        facts = failure(stage[0], f"a defect of pandis, please report it ({what})", limits=limits)
+    facts = facts.model_copy(update={"key": work.key})
+    try:
+        write_rows(work.output, facts, arrays)
+    except MemoryError:
+        write_rows(work.output, failure("store", _MEMORY, limits=limits, key=work.key))
+    except OSError as error:
+        file = AtomicFile(work.output)
+        return {"refused": str(file.explain(error))}
     return {"written": work.output}
 
 
@@ -74,8 +89,11 @@ def main():
     tools.isolate(False)
 
     def say(message):
-        answers.write(json.dumps(message) + "\n")
-        answers.flush()
+        try:
+            answers.write(json.dumps(message) + "\n")
+            answers.flush()
+        except OSError:  # nobody listens: what this mesh comes to must not be written
+            os._exit(1)
 
     for line in sys.stdin:
         say(_answer(Work.of_json(line), say))

@@ -8,11 +8,10 @@ from pathlib import Path
 from types import SimpleNamespace
 
 import jinja2
-from matplotlib.image import imsave
 
 from pandis import __version__
 from pandis.base.frame import Frame
-from pandis.pipeline.report.render import render
+from pandis.pipeline.report.render import render, to_png
 from pandis.pipeline.run.host.processes import each
 from pandis.pipeline.run.job.artifact import file_digest, read_artifact
 from pandis.pipeline.run.records.mesh import MeshRecord
@@ -96,9 +95,8 @@ def _read(work):
 def _picture(mesh):
     """Return a small picture of a mesh as a ``data:`` URI."""
     vertices = Frame.of(mesh).to_unit(mesh.arrays["vertices"])
-    stream = io.BytesIO()
-    imsave(stream, render(vertices, mesh.arrays["faces"], _SMALL), format="png")
-    return f"data:image/png;base64,{base64.b64encode(stream.getvalue()).decode()}"
+    png = to_png(render(vertices, mesh.arrays["faces"], _SMALL))
+    return f"data:image/png;base64,{base64.b64encode(png).decode()}"
 
 
 def to_csv(rows, refused=()):

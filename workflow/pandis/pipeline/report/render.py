@@ -1,5 +1,8 @@
 """Renders a mesh without a graphics library, from dense surface points and a depth buffer."""
 
+import struct
+import zlib
+
 import numpy as np
 
 from pandis.pipeline.geometry.sampling import Surface
@@ -10,6 +13,17 @@ VIEW = (0.45, 0.35, 1.0)
 _UP = (0.0, 1.0, 0.0)
 #: Supersampling: pixels drawn along each side of an output pixel.
 _FINER = 2
+
+
+def to_png(image):
+    """Return an image (height, width, 4), uint8, as the bytes of a PNG file."""
+    height, width, _ = image.shape
+    rows = np.concatenate([np.zeros((height, 1), np.uint8), image.reshape(height, -1)], axis=1)
+    parts = [(b"IHDR", struct.pack(">IIBBBBB", width, height, 8, 6, 0, 0, 0)),
+             (b"IDAT", zlib.compress(rows.tobytes(), 9)), (b"IEND", b"")]  # fmt: skip
+    chunks = [struct.pack(">I", len(data)) + name + data
+              + struct.pack(">I", zlib.crc32(name + data)) for name, data in parts]  # fmt: skip
+    return b"\x89PNG\r\n\x1a\n" + b"".join(chunks)
 
 
 def render(vertices, faces, size=560, *, view=VIEW, points=None, colours=None):

@@ -53,8 +53,10 @@ class DatasetOptions(Options):
     chunk: int = Field(
         16_384, ge=256, le=1 << 20, description="rows that are stored, and read, together"
     )
-    seconds: Positive = Field(300.0, description="time that one mesh may take")
-    memory_gb: Positive = Field(4.0, description="address space that one mesh may take (GiB)")
+    seconds: Positive = Field(300.0, le=1e6, description="time that one mesh may take")
+    memory_gb: Positive = Field(
+        4.0, le=1e6, description="address space that one mesh may take (GiB)"
+    )
 
     @field_validator("mesh", mode="before")
     @classmethod

@@ -4,9 +4,9 @@ Planning uses this module. It reads the names in an archive and unpacks nothing.
 """
 
 import csv
-import glob
 import hashlib
 import json
+import os
 import re
 import stat
 import tarfile
@@ -29,8 +29,6 @@ from pandis.pipeline.run.ask.sourcing import (
 ARCHIVES = (".zip", ".tar", ".tar.gz", ".tgz", ".tar.bz2", ".tar.xz")
 #: Largest file in an archive, bytes unpacked, and its largest ratio of unpacked to packed bytes.
 LARGEST, RATIO = 4 << 30, 1000
-#: Columns of a table that describe a mesh.
-_COLUMNS = ("unit", "licence", "tags", "sha256")
 
 
 class Member(NamedTuple):
@@ -46,7 +44,7 @@ class Member(NamedTuple):
         Name in the archive; empty if there is none.
     digest : str
         Identifies the contents: SHA-256, or in an archive what its directory says.
-    unit, licence, tags : str
+    unit, licence, tags, sha256 : str
         From the table; empty if it does not say.
     fault : str
         Why it cannot be read; empty if nothing is known against it.
@@ -59,6 +57,7 @@ class Member(NamedTuple):
     unit: str = ""
     licence: str = ""
     tags: str = ""
+    sha256: str = ""
     fault: str = ""
 
 
@@ -86,14 +85,16 @@ def members(options, digests=None):
     source, table = Path(options.source), {}
     if options.table:
         table = {row["name"]: row for row in _rows(options.table, "name")}
-    if options.source.lower().endswith(ARCHIVES):
+    if source.is_dir():
+        listed = list(_of_folder(source))
+    elif options.source.lower().endswith(ARCHIVES):
         listed = _of_archive(options.source)
     elif source.suffix == ".txt":
         listed = [_of_line(line, source) for line in _lines(source)]
     elif source.suffix == ".csv":
         listed = [_of_row(row, source) for row in _rows(source, "source")]
     else:
-        listed = list(_of_files(options.source))
+        listed = list(_of_pattern(options.source))
     if not listed:
         raise PandisError(
             f"source: there is no mesh in {options.source}; the known formats are "
@@ -108,30 +109,39 @@ def list_digest(listed):
     return hashlib.sha256(json.dumps(listed).encode()).hexdigest()
 
 
-def _of_files(source):
-    if any(c in source for c in "*?["):
-        parts = Path(source).parts
-        fixed = next(k for k, part in enumerate(parts) if any(c in part for c in "*?["))
-        root, paths = Path(*parts[:fixed]), map(Path, glob.iglob(source, recursive=True))
-    else:
-        root = Path(source)
-        if not root.is_dir():
-            raise PandisError(
-                f"source: {source} is neither a folder, a pattern, a list (.txt), a table (.csv) "
-                "nor an archive"
-            )
-        paths = root.rglob("*")
+def _of_folder(root):
+    def refuse(error):
+        raise PandisError(f"source: {error.filename}: cannot be read: {error.strerror}")
+
+    for folder, _, names in os.walk(root, onerror=refuse):
+        yield from _visible(root, (Path(folder, name) for name in names))
+
+
+def _of_pattern(source):
+    if not any(c in source for c in "*?["):
+        raise PandisError(
+            f"source: {source} is neither a folder, a pattern, a list (.txt), a table (.csv) nor "
+            "an archive"
+        )
+    parts = Path(source).parts
+    fixed = next(k for k, part in enumerate(parts) if any(c in part for c in "*?["))
+    root = Path(*parts[:fixed])
+    yield from _visible(root, root.glob("/".join(parts[fixed:])))
+
+
+def _visible(root, paths):
     for path in paths:
         relative = path.relative_to(root)
-        visible = not any(part.startswith(".") for part in relative.parts)
-        if visible and format_of(path) in FORMATS and path.is_file():
+        hidden = any(part.startswith(".") for part in relative.parts)
+        if not hidden and format_of(path) in FORMATS and path.is_file():
             yield Member(_name(relative), str(path))
 
 
 def _name(relative):
-    """Return the name of a mesh: its path without the ending of the format and ``.gz``."""
-    path = PurePosixPath(Path(relative).as_posix())
-    text, ending = str(path), format_of(path)
+    """Return the name of a mesh: its path without ``..``, the ending of the format and ``.gz``."""
+    parts = PurePosixPath(Path(relative).as_posix()).parts
+    text = "/".join(part for part in parts if part not in ("..", "/"))
+    ending = format_of(text)
     return re.sub(rf"\.{re.escape(ending)}(\.gz)?$", "", text, flags=re.I) if ending else text
 
 
@@ -153,13 +163,13 @@ def _of_line(line, path):
 
 def _of_url(url, digest):
     fault = "" if re.fullmatch(r"[0-9a-fA-F]{64}", digest) else "a URL needs its sha256 after it"
-    return Member(_name(urlsplit(url).path.lstrip("/")), url, digest=digest.lower(), fault=fault)
+    return Member(_name(urlsplit(url).path), url, digest=digest.lower(), fault=fault)
 
 
 def _beside(text, listing):
     """Return the member of a path in a list or table, relative to that file's folder."""
     path = Path(text) if Path(text).is_absolute() else Path(listing).parent / text
-    return Member(_name(text.lstrip("/")), str(path))
+    return Member(_name(text), str(path))
 
 
 def _rows(path, column):
@@ -187,14 +197,14 @@ def _of_row(row, path):
     member = _of_url(text, row.get("sha256", "")) if url_extension(text) else _beside(text, path)
     if row.get("name"):
         member = member._replace(name=row["name"])
+    if {"..", "/"} & set(PurePosixPath(member.name).parts):
+        member = member._replace(name=_name(member.name), fault="its name leaves the data set")
     return _described(member, row)
 
 
 def _described(member, row):
     about = {key: row[key] for key in ("unit", "licence", "tags") if row.get(key)}
-    expected = row.get("sha256", "").lower()
-    member = member._replace(**about)
-    return member._replace(digest=expected) if expected else member
+    return member._replace(sha256=row.get("sha256", "").lower(), **about)
 
 
 def _merged(listed, table, path):
@@ -219,7 +229,7 @@ def _merged(listed, table, path):
 def _once(listed):
     """Mark members that share a name."""
     files = {}
-    for member in listed:
+    for member in map(_printable, listed):
         files.setdefault(member.name, []).append(member)
     for name, same in files.items():
         member = min(same)
@@ -231,6 +241,17 @@ def _once(listed):
         yield member
 
 
+def _printable(member):
+    """Mark a member whose name is not text, and write it so that it can be printed."""
+    texts = [text.encode("utf-8", "surrogateescape").decode("utf-8", "replace")
+             for text in (member.name, member.source, member.inside)]  # fmt: skip
+    if texts == [member.name, member.source, member.inside]:
+        return member
+    name, source, inside = texts
+    fault = "its name is not UTF-8: rename it"
+    return member._replace(name=name, source=source, inside=inside, fault=fault)
+
+
 def _identified(listed, digests):
     """Add the digests of files; compare them with those of the table."""
     for member in listed:
@@ -239,11 +260,14 @@ def _identified(listed, digests):
 
 
 def _with_digest(member, digests):
-    if fault := source_fault(member.source):
-        return member._replace(fault=fault.removeprefix("source: "))
-    expected, digest, fault = member.digest, digests.of(member.source), ""
-    if expected and expected != digest and expected != file_digest(member.source):
-        fault = f"its sha256 is {file_digest(member.source)}, but the table says {expected}"
+    try:
+        if fault := source_fault(member.source):
+            return member._replace(fault=fault.removeprefix("source: "))
+        expected, digest, fault = member.sha256, digests.of(member.source), ""
+        if expected and expected != digest and expected != file_digest(member.source):
+            fault = f"its sha256 is {file_digest(member.source)}, but the table says {expected}"
+    except OSError as error:
+        return member._replace(fault=f"it cannot be read: {error.strerror}")
     return member._replace(digest=digest, fault=fault)
 
 
@@ -256,7 +280,8 @@ def _of_archive(source):
             with zipfile.ZipFile(source) as archive:
                 return [_of_zip(source, info) for info in archive.infolist() if _is_mesh(info)]
         with tarfile.open(source) as archive:
-            listed = [_of_tar(source, info) for info in archive if _is_mesh(info)]
+            most = RATIO * Path(source).stat().st_size
+            listed = [_of_tar(source, info, most) for info in archive if _is_mesh(info)]
     except (OSError, EOFError, zipfile.BadZipFile, tarfile.TarError) as error:
         raise PandisError(f"source: {source} is no complete archive ({error})") from error
     digest = file_digest(source)
@@ -279,14 +304,14 @@ def _of_zip(source, info):
     if info.flag_bits & 1:
         fault = "it is encrypted"
     digest = f"crc32 {info.CRC:08x} {info.file_size}"
-    name = _name(info.filename.removeprefix("./"))
-    return Member(name, source, info.filename, digest, fault=fault)
+    return Member(_name(info.filename), source, info.filename, digest, fault=fault)
 
 
-def _of_tar(source, info):
-    link = not info.isreg()
-    name = _name(info.name.removeprefix("./"))
-    return Member(name, source, info.name, fault=_entry_fault(info.name, info.size, link=link))
+def _of_tar(source, info, most):
+    fault = _entry_fault(info.name, info.size, link=not info.isreg())
+    if not fault and info.size > most:
+        fault = f"it unpacks to more than {RATIO} times the size of the archive"
+    return Member(_name(info.name), source, info.name, fault=fault)
 
 
 def _entry_fault(name, size, *, link):

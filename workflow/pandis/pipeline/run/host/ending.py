@@ -15,7 +15,7 @@ def farewell(plan):
         return f"\nThe results are in {_place(plan)}/"
     if plan.scenes:
         return f"\nThe scenes are in  {plan.folder}/scenes/"
-    cards = [f"{plan.folder}/datasets/{name}/card.html" for name in plan.datasets.options]
+    cards = [f"{plan.folder}/datasets/{name}/card.html" for name in plan.datasets.planned]
     if not plan.entries:
         return "".join(f"\nThe card is in     {card}" for card in cards)
     if not Path(plan.report).is_file() or Path(plan.report).stat().st_mtime < plan.start:
@@ -23,7 +23,8 @@ def farewell(plan):
     return (
         f"\nThe report is in   {plan.report}\n"
         f"The table is in    {plan.summary}\n"
-        f"Exported fields:   {plan.folder}/{{mesh}}/export/"
+        f"Exported fields:   {plan.folder}/{plan.meshes[0] if len(plan.meshes) == 1 else '{mesh}'}"
+        "/export/"
     )
 
 

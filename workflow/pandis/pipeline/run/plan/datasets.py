@@ -1,7 +1,6 @@
 """The data sets of a configuration: their options, meshes, shards and outputs."""
 
 import re
-from functools import cached_property
 from pathlib import Path
 from typing import NamedTuple
 
@@ -42,19 +41,9 @@ class Datasets:
     """
 
     def __init__(self, config, folder, *, digests):
-        self.options, self.folder, self._digests = load_datasets(config), folder, digests
-
-    @cached_property
-    def planned(self):
-        """Each data set by name, with its meshes; searched for when first needed."""
-        planned, faults = {}, {}
-        for name, options in self.options.items():
-            try:
-                planned[name] = plan_dataset(name, options, self._digests)
-            except PandisError as error:
-                faults[f"datasets.{name}"] = str(error)
-        raise_faults(faults)
-        return planned
+        self.folder = folder
+        #: Each `PlannedDataset` by name.
+        self.planned = plan_datasets(config, digests)
 
     def outputs(self):
         """Return every `Output`."""
@@ -82,6 +71,24 @@ class Datasets:
     def dataset(self, name):
         """Return the options of the stage that writes the index and the card."""
         return dataset_task(self.planned[name])
+
+
+def plan_datasets(config, digests):
+    """Return each `PlannedDataset` of a configuration by name.
+
+    Raises
+    ------
+    ConfigError
+        The options have faults, or a source cannot be read; the message lists all.
+    """
+    planned, faults = {}, {}
+    for name, options in load_datasets(config, faults).items():
+        try:
+            planned[name] = plan_dataset(name, options, digests)
+        except PandisError as error:
+            faults[f"datasets.{name}"] = str(error)
+    raise_faults(faults)
+    return planned
 
 
 def plan_dataset(name, options, digests=None):
@@ -123,24 +130,21 @@ def shard_task(dataset, number):
     )  # fmt: skip
 
 
-def load_datasets(raw):
-    """Validate the data sets of a configuration.
+def load_datasets(raw, faults):
+    """Return the options of the data sets of a configuration that have no fault.
 
     Parameters
     ----------
     raw : dict
         The parsed YAML.
+    faults : dict of str to str
+        Receives the faults, by dotted path.
 
     Returns
     -------
     dict of str to DatasetOptions
-
-    Raises
-    ------
-    ConfigError
-        There are faults; the message lists all, each with its dotted path.
     """
-    sections, faults, datasets = raw.get("datasets") or {}, {}, {}
+    sections, datasets = raw.get("datasets") or {}, {}
     if not isinstance(sections, dict):
         sections, faults["datasets"] = {}, "expected a mapping: {name: {source: FOLDER}}"
     for name, section in sections.items():
@@ -156,16 +160,18 @@ def load_datasets(raw):
             options = DatasetOptions.model_validate(section)
             seed = raw.get("seed", 0) if options.seed is None else options.seed
             datasets[name] = options.model_copy(update={"seed": seed})
-    raise_faults(faults)
     return datasets
 
 
 def option_faults(options):
     """Return the faults that the model of a data set does not see, by key."""
     faults = {}
-    counts = options.samples.model_dump()
-    if not any(counts[name] for name in LABELS):
-        faults["samples"] = "no points: set surface, near or volume"
+    counts = {"samples": options.samples.model_dump()}
+    for name, override in options.override.items():
+        counts[f"override.{name}.samples"] = counts["samples"] | override.samples
+    for key, values in counts.items():
+        if not any(values[name] for name in LABELS):
+            faults[key] = "no points: set surface, near or volume"
     for name, override in options.override.items():
         for part, model in (("mesh", MeshOptions), ("samples", SampleOptions)):
             base = getattr(options, part).model_dump()

@@ -15,7 +15,7 @@ from pandis.pipeline.run.ask.kinds import KINDS
 from pandis.pipeline.run.ask.reading import last_target, load_config, results_folder
 from pandis.pipeline.run.ask.sourcing import source_fault
 from pandis.pipeline.run.ask.tasks import PlacedObject, SceneTask
-from pandis.pipeline.run.plan.datasets import load_datasets
+from pandis.pipeline.run.plan.datasets import plan_datasets
 
 
 def load_scenes(raw, entries):
@@ -26,7 +26,7 @@ def load_scenes(raw, entries):
     raw : dict
         The parsed YAML.
     entries : dict of str to pandis.pipeline.run.ask.config.MeshEntry
-        None stands for the options of a mesh that are wrong.
+        A dict stands for the options of a mesh as they are written.
 
     Returns
     -------
@@ -69,11 +69,11 @@ def _object_faults(path, key, placed, *, entries):
     if mesh not in entries:
         return {f"{path}.mesh": f"there is no mesh {mesh} under `meshes`: add it there"}
     entry = entries[mesh]
-    if entry is None:  # its own options are wrong, and reported
-        return {}
-    values = entry.model_dump() | {"fields": [field]}
-    fault = next((message for at, message in name_faults(values) if at == "fields.0"), None)
-    if fault is None and not parse_field(field, entry.train).native:
+    # the options of a mesh may be wrong, and reported elsewhere: then its recipes are as written
+    values = entry if isinstance(entry, dict) else entry.model_dump()
+    faults = name_faults(values | {"fields": [field]})
+    fault = next((message for at, message in faults if at == "fields.0"), None)
+    if fault is None and not isinstance(entry, dict) and not parse_field(field, entry.train).native:
         fault = f"{field} has no file for pandis.h: use a grid, a spline, a network or exact"
     return {f"{path}.field": fault} if fault else {}
 
@@ -126,13 +126,25 @@ def _knows_regions(entry, name):
     return known[0][1] if known else None
 
 
-def all_faults(config):
+def _as_written(config, entry):
+    """Return the recipes and targets of a mesh without checks, for the names of its fields."""
+    entry = entry if isinstance(entry, dict) else {}
+    parts = {key: {} for key in ("train", "budget", "bake")}
+    for source in (config, entry):
+        for key, part in parts.items():
+            value = source.get(key)
+            part.update(value if isinstance(value, dict) else {})
+    return parts
+
+
+def all_faults(config, digests):
     """Return every fault of a configuration, including missing files, whichever part reports it."""
     meshes, faults = config.get("meshes"), {}
     meshes = meshes if isinstance(meshes, dict) else {}
-    nameless = dict.fromkeys(meshes)  # scenes are read without the options of their meshes
-    readers = (results_folder, last_target, load_config, load_datasets,
-               partial(load_scenes, entries=nameless))  # fmt: skip
+    written = {name: _as_written(config, entry) for name, entry in meshes.items()}
+    readers = (results_folder, last_target, load_config,
+               partial(plan_datasets, digests=digests),
+               partial(load_scenes, entries=written))  # fmt: skip
     for reader in readers:
         try:
             reader(config)

@@ -79,7 +79,7 @@ class Plan:
             self.scenes = load_scenes(config, self.entries)
             self.datasets = Datasets(config, self.folder, digests=self.sources)
         except ConfigError as error:
-            raise_faults(error.faults | all_faults(config))
+            raise_faults(error.faults | all_faults(config, self.sources))
         #: Only the meshes and fields that scenes need; without scenes, all.
         self.needed = needed(self.entries, self.scenes)
         self.digests = CodeDigests(folder)

@@ -26,9 +26,9 @@ class MeshFacts(Record):
         Digest of everything that the rows depend on.
     failed : Failure or None
     again : bool
-        Whether the failure is to be forgotten: the file was changed during the run.
+        Whether the next run is to try again: the cause lay outside of the mesh.
     limits : list of float or None
-        Seconds and memory (GiB) beyond which the mesh was given up.
+        Seconds and memory (GiB) with which the mesh failed, if others may help.
     shard : list of int
         Number of the shard, and place of the mesh in it; only in the index.
     rows, vertices, faces : int
@@ -138,10 +138,11 @@ class Summary(Record):
 
 
 class DatasetRecord(Record):
-    """The index of a data set."""
+    """The index of a data set; ``shards`` has the digest of each."""
 
     dataset: str
     source: str
+    shards: list[str]
     meshes: list[MeshFacts]
     summary: Summary
     strata: list[str]
