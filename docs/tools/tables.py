@@ -458,7 +458,8 @@ def signs_table():
 
 
 def _per_mille(wrong, points):
-    return f"{1000 * wrong / points:.2g}" if wrong else "0"
+    share = 1000 * wrong / points
+    return f"{share:.0f}" if share >= 10 or not wrong else f"{share:.2g}"
 
 
 def contact_table():

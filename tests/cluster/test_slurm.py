@@ -182,7 +182,7 @@ def test_every_rule_of_the_profile_is_one_of_ours():
     profile = yaml.safe_load((ROOT / PROFILE[1] / "profile.yaml").read_text())
     grouped = dict(entry.split("=") for entry in profile["groups"])
     scripts = {path.stem for path in Path(ROOT / "scripts").glob("*.py")}
-    alone = {"train", "choose", "refuse", "calibrate", "scene", "verify"}
+    alone = {"train", "choose", "refuse", "calibrate", "scene", "verify", "shard", "dataset"}
     assert {*grouped} | alone == scripts
     parts = [entry.split("=")[0] for entry in profile["group-components"]]
     assert {*parts} == {*grouped.values()}

@@ -193,6 +193,7 @@ def test_another_number_of_shards_moves_rows_and_computes_none(folder, tmp_path)
         assert files_of(again.path)[name] == files_of(fresh.path)[name]
 
 
+@pytest.mark.slow
 def test_a_damaged_shard_is_computed_again(folder, tmp_path):
     store, _ = label(folder, tmp_path / "parts.zarr")
     shard = store.path / "shards/00000.zarr.zip"
@@ -209,6 +210,7 @@ def test_a_damaged_shard_is_computed_again(folder, tmp_path):
     assert shard.read_bytes() == whole
 
 
+@pytest.mark.slow
 def test_a_killed_call_goes_on_where_it_was(folder, tmp_path):
     for k in range(6):
         shape("icosphere", subdivisions=3, radius=1 + k).export(folder / f"more{k}.ply")
@@ -261,6 +263,7 @@ def test_too_little_memory_is_a_result(folder, tmp_path):
     assert all("memory_gb" in why.reason for why in store.failed.values())
 
 
+@pytest.mark.slow
 def test_a_store_of_other_options_is_not_mixed(folder, tmp_path):
     store, _ = label(folder, tmp_path / "parts.zarr")
     before = files_of(store.path)
@@ -323,6 +326,7 @@ def test_a_worker_whose_parent_has_died_writes_nothing(folder, tmp_path):
     assert not stored.exists() or "defect" not in str(np.load(stored)["facts"])
 
 
+@pytest.mark.slow
 def test_what_failed_for_want_of_memory_is_tried_again_with_more(folder, tmp_path):
     path = tmp_path / "parts.zarr"
     assert not label(folder, path, memory_gb=0.2)[0].names
@@ -330,6 +334,7 @@ def test_what_failed_for_want_of_memory_is_tried_again_with_more(folder, tmp_pat
     assert (computed, len(store.names)) == (4, 3)
 
 
+@pytest.mark.slow
 def test_a_full_disk_ends_the_run_and_is_forgotten(folder, tmp_path):
     path = tmp_path / "parts.zarr"
     program = (
@@ -372,6 +377,7 @@ def test_a_file_that_gets_the_right_ending_is_read(tmp_path):
     assert label(tmp_path / "meshes", store.path)[0].names == ["box"]
 
 
+@pytest.mark.slow
 def test_a_finished_shard_is_checked_before_it_is_taken(folder, tmp_path):
     store, _ = label(folder, tmp_path / "parts.zarr")
     shard = store.path / "shards/00000.zarr.zip"
@@ -386,6 +392,7 @@ def test_a_finished_shard_is_checked_before_it_is_taken(folder, tmp_path):
     assert shard.read_bytes() == whole
 
 
+@pytest.mark.slow
 def test_nothing_stays_in_the_temporary_folder(folder, tmp_path, monkeypatch):
     with zipfile.ZipFile(tmp_path / "all.zip", "w") as archive:
         grid = np.random.default_rng(0).random((300, 3, 3))

@@ -418,7 +418,7 @@ def test_faults_of_every_part_of_a_configuration_are_reported_at_once():
         ({}, "scenes.table.objects: "),
         ({"objects": {"A b": SCENE["objects"]["a"]}}, "an object's name must start with a-z"),
         ({"objects": {"a": SCENE["objects"]["a"] | {"size": 0}}}, "scenes.table.objects.a.size"),
-        ({"objects": {"a": SCENE["objects"]["a"] | {"sise": 1}}}, "unknown option"),
+        ({"objects": {"a": SCENE["objects"]["a"] | {"sise": 1}}}, "did you mean 'size'?"),
         ({"objects": {"a": SCENE["objects"]["a"] | {"position": [0, 0]}}}, "objects.a.position"),
     ],
 )

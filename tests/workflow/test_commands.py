@@ -121,7 +121,6 @@ def test_an_existing_file_needs_force_and_a_wrong_name_is_told_at_once(tmp_path,
     assert (tmp_path / "out.obj").read_bytes() == before
     for words in (
         ("repair", "part.ply", "-o", "out.step"),
-        ("labels", "part.ply", "-o", "out.zarr"),
         ("repair", "part.ply", "part.ply", "-o", "out.obj"),
         ("repair", "part.ply", tmp_path / "part.ply"),
         ("labels", "part.ply", "-o", "out.csv"),

@@ -216,7 +216,8 @@ class _Command:
 
 def _invented(record):
     """Return how much of a repaired surface has no counterpart in the source; empty if none has."""
-    shares = {"caps": record.deviation["to_source"].get("caps", 0.0)}
+    moved = record.deviation
+    shares = {"caps": moved["to_source"].get("caps", 0.0)}
     if record.solid:
         shares["thickened sheets"] = record.solid.sheets
     named = [f"{100 * share:.2g} % {what}" for what, share in shares.items() if share]

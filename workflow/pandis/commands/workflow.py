@@ -84,24 +84,24 @@ def _write(words):
     return path
 
 
-def _configuration(path, options):
+def _configuration(path, chosen):
     """Return the text of a configuration; its first line says for what it was written."""
-    mesh, size = {}, options["size"]
+    mesh, size = {}, chosen["size"]
     if not re.fullmatch(r"[\d.e-]+", size):  # a length with a unit
         size = json.dumps(size)
-    if options["unit"]:
-        mesh["unit"] = options["unit"]
-    if options["solid"]:
+    if chosen["unit"]:
+        mesh["unit"] = chosen["unit"]
+    if chosen["solid"]:
         mesh["solid"] = "always"
     folder = re.sub(r"[^A-Za-z0-9_-]", "-", path.stem)
     lines = [
-        f"# for {json.dumps(options)}",
+        f"# for {json.dumps(chosen)}",
         f"results: results/{folder}",
-        f"fields: {json.dumps(options['fields'].split(','))}",
-        f"device: {{size: {size}, stiffness: {options['stiffness']!r}}}",
+        f"fields: {json.dumps(chosen['fields'].split(','))}",
+        f"device: {{size: {size}, stiffness: {chosen['stiffness']!r}}}",
         *([f"mesh: {json.dumps(mesh)}"] if mesh else []),
         "meshes:",
-        *(f"  {name}: {{source: {json.dumps(text)}}}" for name, text in options["meshes"].items()),
+        *(f"  {name}: {{source: {json.dumps(text)}}}" for name, text in chosen["meshes"].items()),
     ]
     return "\n".join(lines) + "\n"
 

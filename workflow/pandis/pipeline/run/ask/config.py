@@ -31,7 +31,7 @@ from pandis.pipeline.run.ask.options import (
 from pandis.pipeline.run.ask.outputs import distance_fields
 from pandis.pipeline.run.ask.recipes import RECIPES, ExactRecipe, PaperRecipe
 from pandis.pipeline.run.ask.targets import BudgetOptions, DeviceOptions
-from pandis.pipeline.run.ask.values import Angle, Options, Place, Positive
+from pandis.pipeline.run.ask.values import Angle, Length, Options, Place, Positive
 
 #: Fewest points on which a network's error is measured.
 LEAST_HELD_OUT = 100
@@ -186,8 +186,10 @@ class SceneObject(Options):
         (0.0, 0.0, 0.0),
         description="rotation vector: its direction is the axis, its length the angle in degrees",
     )
-    size: Annotated[float, Field(ge=1e-3, le=10)] | None = Field(
-        None, description="length of its longest side, m; null: `device.size` of its mesh"
+    size: Annotated[Length, Field(ge=1e-3, le=10)] | None = Field(
+        None,
+        description="length of its longest side, m, or with its unit; null: `device.size` of its "
+        "mesh",
     )
     stiffness: Annotated[float, Field(ge=0, allow_inf_nan=False)] | None = Field(
         None, description="its stiffness, N/m; null: `device.stiffness` of its mesh"

@@ -2,6 +2,7 @@
 
 import difflib
 import re
+from typing import get_args, get_origin
 
 from pydantic import BaseModel, ValidationError
 
@@ -136,9 +137,14 @@ def _known_keys(model, path, fault):
     if path[:1] == ["train"] and len(path) > 1:
         tag = next((p for p in fault["loc"] if p in ("paper", "exact")), "exact")
         return list((PaperRecipe if tag == "paper" else ExactRecipe).model_fields)
-    for part in path:
+    names = iter(path)
+    for part in names:
         field = model.model_fields.get(part)
-        if field is None or not isinstance(field.annotation, type):
+        kind = getattr(field, "annotation", None)
+        if get_origin(kind) is dict:  # options by name
+            kind = get_args(kind)[1]
+            next(names, None)
+        if not (isinstance(kind, type) and issubclass(kind, BaseModel)):
             return []
-        model = field.annotation
+        model = kind
     return [*model.model_fields, *(APART if model is StageOptions else ())]

@@ -118,6 +118,9 @@ def _of_folder(root):
 
 
 def _of_pattern(source):
+    if format_of(source) in FORMATS and Path(source).is_file():  # a data set of one mesh
+        yield Member(_name(Path(source).name), source)
+        return
     if not any(c in source for c in "*?["):
         raise PandisError(
             f"source: {source} is neither a folder, a pattern, a list (.txt), a table (.csv) nor "
