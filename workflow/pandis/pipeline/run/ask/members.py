@@ -101,7 +101,9 @@ def members(options, digests=None):
             + ", ".join(f".{ending}" for ending in FORMATS)
         )
     listed = _merged(listed, table, options.table)
-    return sorted(_identified(_once(listed), digests))
+    listed = sorted(_identified(_once(listed), digests))
+    digests.remember()
+    return listed
 
 
 def list_digest(listed):
@@ -266,7 +268,7 @@ def _with_digest(member, digests):
     try:
         if fault := source_fault(member.source):
             return member._replace(fault=fault.removeprefix("source: "))
-        expected, digest, fault = member.sha256, digests.of(member.source), ""
+        expected, digest, fault = member.sha256, digests.of(member.source, remember=False), ""
         if expected and expected != digest and expected != file_digest(member.source):
             fault = f"its sha256 is {file_digest(member.source)}, but the table says {expected}"
     except OSError as error:

@@ -225,8 +225,11 @@ class SourceDigests:
         self.memory = memory or cache_folder() / "sources.json"
         self._known, self._changed = None, False
 
-    def of(self, source):
-        """Return the digest of a source; empty if there is no file to read."""
+    def of(self, source, *, remember=True):
+        """Return the digest of a source; empty if there is no file to read.
+
+        Without ``remember``, call `remember` after the last of many sources.
+        """
         try:
             path = source_path(source)
         except PandisError:
@@ -234,7 +237,8 @@ class SourceDigests:
         if path is None:
             return ""
         digest = source_digest(self.files(path), lambda one: self._entry(one)["sha256"])
-        self._keep()
+        if remember:
+            self.remember()
         return digest
 
     def files(self, path):
@@ -267,7 +271,8 @@ class SourceDigests:
             self._changed = True
         return entry
 
-    def _keep(self):
+    def remember(self):
+        """Store the digests in the file."""
         if not self._changed:
             return
         self._changed = False
