@@ -607,17 +607,18 @@ path = {str(tmp_path / "block.stl")!r}
 print(pandis.check(path).repair, len(pandis.repair(path).faces))
 print(len(pandis.labels(path, surface=10, near=10, volume=10).points))
 print(pandis.compare(pandis.field(path), path, probes=2000).ok)
+print(pandis.label_meshes(path, path + ".zarr", surface=10, near=10, volume=10).names)
 try:
     pandis.field(path, "pandis-exact")
 except Exception as error:
     print(error)
 """
-    names = {"torch", "snakemake", "pymeshlab", "pymeshfix", "onnx", "matplotlib", "jinja2"}
+    names = {"torch", "snakemake", "pymeshlab", "pymeshfix", "onnx", "matplotlib"}
     done = run_without(names, program, tmp_path)
     assert done.returncode == 0, done.stderr
     lines = done.stdout.splitlines()
-    assert lines[:3] == [f"nothing {len(faces)}", "30", "True"]
-    assert "pip install 'pandis-fields[workflow]'" in lines[3]
+    assert lines[:4] == [f"nothing {len(faces)}", "30", "True", "['block']"]
+    assert "pip install 'pandis-fields[workflow]'" in lines[4]
 
 
 def test_with_numpy_alone_the_remedy_is_one_line(tmp_path):
