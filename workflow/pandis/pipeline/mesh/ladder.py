@@ -17,7 +17,7 @@ from pandis.pipeline.run.ask.options import MeshOptions
 #: Rungs that keep the source's surface; only these are tried if a solid is made otherwise.
 EXACT = ("clean", "union", "fill")
 #: CPU time of starting a process, which does not count, so that small meshes are never short of it.
-_STARTING = 0.8
+_STARTING = 1.5
 #: Largest volume that a rung may add or remove, as a share of the inside.
 INSIDE_CHANGED = 0.02
 
