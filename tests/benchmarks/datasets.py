@@ -9,7 +9,7 @@ Usage: PANDIS_MESHES=FOLDER .venv/bin/python tests/benchmarks/datasets.py COMMAN
                run that has nothing to do, and both cores' work for a mesh
     throughput label COUNT meshes (200 by default) of PANDIS_MESHES as they are, turned, with
                564,000 rows each: meshes in a core minute, those valid as read and all
-    labels     compare 10,000 rows of each mesh of FOLDER/store.zarr with exact winding numbers and
+    labels     compare 10,000 rows of each mesh of the store FOLDER with exact winding numbers and
                distances
     reading    time 16,000 random rows of a mesh of a million, and a DataLoader with two workers
 """
@@ -200,7 +200,7 @@ def throughput(folder, count):
 
 def labels(path, rows=10_000):
     """Compare stored rows with exact winding numbers and distances."""
-    store = pandis.LabelStore(path, columns=ROWS)
+    store = pandis.LabelStore(path, columns=tuple(ROWS))
     wrong = total = beyond = 0
     worst = 0.0
     for name in store.names:

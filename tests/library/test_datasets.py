@@ -20,6 +20,7 @@ import pytest
 import trimesh
 
 import pandis
+from pandis.__main__ import main
 from pandis.base.errors import PandisError
 from pandis.pipeline.dataset.layouts import LAYOUTS
 from pandis.pipeline.dataset.pool import Lost, Pool
@@ -83,7 +84,7 @@ def test_every_mesh_is_in_the_store_with_its_rows_or_its_reason(folder, tmp_path
 
 def test_labels_are_exact_at_the_points_as_they_are_stored(folder, tmp_path):
     store, _ = label(folder, tmp_path / "parts.zarr")
-    whole = pandis.LabelStore(store.path, columns=ROWS)
+    whole = pandis.LabelStore(store.path, columns=tuple(ROWS))
     for name in whole.names:
         vertices, faces = whole.mesh(name)
         centre, scale = whole.frame(name)
@@ -105,7 +106,7 @@ def test_labels_are_exact_at_the_points_as_they_are_stored(folder, tmp_path):
 
 def test_rows_are_those_of_the_command_for_one_mesh_in_random_order(folder, tmp_path):
     store, _ = label(folder, tmp_path / "parts.zarr")
-    rows = pandis.LabelStore(store.path, columns=ROWS).rows("box")
+    rows = pandis.LabelStore(store.path, columns=tuple(ROWS)).rows("box")
     alone = pandis.labels(folder / "box.ply", name="box", **FEW)
     centre, scale = store.frame("box")
     unit = ((alone.points - centre) * scale).astype(np.float32)
@@ -120,7 +121,7 @@ def test_points_that_noise_moved_beyond_a_wall_are_doubted(tmp_path):
     shape("box", extents=(1, 1, 0.004)).export(tmp_path / "meshes/plate.ply")
     shape("box", extents=(1, 1, 1)).export(tmp_path / "meshes/cube.ply")
     store, _ = label(tmp_path / "meshes", tmp_path / "s.zarr", scales=[0.03], near=2000)
-    whole = pandis.LabelStore(store.path, columns=ROWS)
+    whole = pandis.LabelStore(store.path, columns=tuple(ROWS))
     plate, cube = (whole.rows(name) for name in ("plate", "cube"))
     near = plate["stratum"] == STRATA.index("near")
     assert np.mean(plate["doubt"][near] & 2 > 0) > 0.8
@@ -312,8 +313,12 @@ def test_an_index_is_not_read_over_newer_shards(folder, tmp_path):
 
 
 def test_a_worker_whose_parent_has_died_writes_nothing(folder, tmp_path):
-    work = Work(Member("box", str(folder / "box.ply"), digest="0" * 64), {}, {}, 0,
-                output=str(tmp_path / "box.npz"))  # fmt: skip
+    """It cannot say that a stage begins, which is no defect of the mesh."""
+    data, output = (folder / "box.ply").read_bytes(), tmp_path / "box.npz"
+    member = Member("box", str(folder / "box.ply"), digest=hashlib.sha256(data).hexdigest())
+    options = DatasetOptions(source=str(folder))
+    parts = options.mesh.model_dump(), options.samples.model_dump() | {"near": 100}
+    work = Work(member, parts[0], parts[1], 0, output=str(output))
     read, write = os.pipe()
     os.close(read)
     command = [sys.executable, "-m", "pandis.pipeline.dataset.worker", str(4 << 30)]
@@ -321,9 +326,23 @@ def test_a_worker_whose_parent_has_died_writes_nothing(folder, tmp_path):
                                env=environment(PYTHONPATH=str(ROOT / "workflow")))  # fmt: skip
     os.close(write)
     process.communicate(work.to_json().encode() + b"\n")
-    assert process.returncode == 1 or not (tmp_path / "box.npz").exists()
-    stored = tmp_path / "box.npz"
-    assert not stored.exists() or "defect" not in str(np.load(stored)["facts"])
+    assert (process.returncode, output.exists()) == (1, False)
+
+
+def test_a_store_that_is_built_anew_is_not_read_on_by_other_processes(folder, tmp_path):
+    store, _ = label(folder, tmp_path / "parts.zarr")
+    store.rows("box")
+    shape("icosphere", subdivisions=1).export(folder / "a.ply")
+    label(folder, store.path)
+    store._shards[0]._process = -1  # as in a worker that is forked now
+    with pytest.raises(PandisError, match="was built anew"):
+        store.rows("box")
+
+
+def test_a_store_is_not_named_like_one_mesh(folder, tmp_path, capsys, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    assert main(["labels", str(folder), "-o", "s.zarr", "--name", "box", "--quiet"]) == 2
+    assert "a store has many" in capsys.readouterr().err
 
 
 @pytest.mark.slow
@@ -387,7 +406,7 @@ def test_a_finished_shard_is_checked_before_it_is_taken(folder, tmp_path):
     shard.unlink()  # not through the hard link
     shard.write_bytes(damaged)
     with pytest.raises(PandisError, match="damaged"):
-        list(pandis.LabelStore(store.path, columns=ROWS))
+        list(pandis.LabelStore(store.path, columns=tuple(ROWS)))
     label(folder, store.path)
     assert shard.read_bytes() == whole
 
@@ -667,7 +686,7 @@ def test_dora_has_surfaces_with_normals_and_points_with_distances(folder, tmp_pa
 
 def test_rows_are_written_as_files_and_as_tars(ball_store, tmp_path):
     (path,) = ball_store.export("npz", tmp_path / "npz")
-    rows = pandis.LabelStore(ball_store.path, columns=ROWS).rows("round/ball")
+    rows = pandis.LabelStore(ball_store.path, columns=tuple(ROWS)).rows("round/ball")
     with np.load(path) as data:
         assert all((data[name] == rows[name]).all() for name in ROWS)
         assert str(data["sign"]) == "negative inside"

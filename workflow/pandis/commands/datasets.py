@@ -89,8 +89,8 @@ def label(words, options):
                 f"-o {words.output}: a store has one source: name a folder, or a pattern in quotes",
                 {"source": "several were named"},
             )
-        if words.workers is not None and words.workers < 1:
-            raise ConfigError("--workers: at least 1", {"workers": "at least 1"})
+        if words.name:
+            raise ConfigError("--name names one mesh: a store has many", {"name": "one mesh"})
         store = pandis.label_meshes(
             words.meshes[0], words.output, workers=words.workers, force=words.force, log=log,
             **options,

@@ -24,7 +24,9 @@ from pandis.pipeline.run.plan.datasets import dataset_task, option_faults, plan_
 #: Options of a data set that can be passed by their names, beside those of `mesh` and `samples`.
 PLAIN = ("table", "override", "shards", "chunk", "seconds", "memory_gb")
 #: Options with which a store was begun; another set of them is refused.
-_BEGUN = "options.json"
+_OPTIONS = "options.json"
+#: Locked while a process writes the store.
+_LOCK = ".lock"
 #: Files that cover the whole store.
 _WHOLE = ("index.zarr.zip", "card.html", "card.json")
 
@@ -75,8 +77,9 @@ def label_meshes(
     folder, log = Path(store), log or (lambda text: None)
     name = folder.stem
     planned = plan_dataset(name, dataset)
-    _begin(folder, dataset, force=force)
+    _make_folder(folder)
     with _alone(folder):
+        _begin(folder, dataset, force=force)
         return _label(planned, folder, workers=workers, log=log)
 
 
@@ -108,7 +111,7 @@ def _alone(folder):
     PandisError
         Another process holds it.
     """
-    with (folder / ".lock").open("w") as lock:
+    with (folder / _LOCK).open("w") as lock:
         try:
             fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except OSError:
@@ -117,19 +120,23 @@ def _alone(folder):
         yield
 
 
-def _begin(folder, dataset, *, force):
-    """Refuse a store of other options, or what is no store; note the options of a new one."""
-    begun = folder / _BEGUN
-    values = dataset.model_dump(exclude={"seconds", "memory_gb", "shards"})
-    text = json.dumps(plain(values), indent=1) + "\n"
+def _make_folder(folder):
+    """Make the folder of a store; refuse a folder that contains something else."""
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        stored = begun.read_text(encoding="utf-8") if begun.is_file() else None
-        strangers = stored is None and any(folder.iterdir())
+        others = {path.name for path in folder.iterdir()} - {_LOCK}
     except OSError as error:
         raise PandisError(f"{folder}: cannot be written: {error.strerror}") from error
-    if strangers:
+    if others and _OPTIONS not in others:
         raise PandisError(f"{folder} contains other files than a store; name a new folder")
+
+
+def _begin(folder, dataset, *, force):
+    """Refuse a store of other options; note the options of a new one."""
+    begun = folder / _OPTIONS
+    values = dataset.model_dump(exclude={"seconds", "memory_gb", "shards"})
+    text = json.dumps(plain(values), indent=1) + "\n"
+    stored = begun.read_text(encoding="utf-8") if begun.is_file() else None
     if stored not in (None, text):
         if not force:
             raise PandisError(
@@ -147,7 +154,7 @@ def _differences(stored, values):
     except ValueError:
         before = None
     if not isinstance(before, dict):
-        return _BEGUN
+        return _OPTIONS
     now = plain(values)
     names = []
     for key in now:

@@ -1,7 +1,7 @@
 """Writes a store in the layouts that others' training code reads.
 
 Points are drawn from the stored solids, rounded to the layout's type, and labelled then, so that
-labels are exact at the points as they are written. Every file states the sign of its distances.
+labels are exact at the points as they are written. Every file with labels states their sign.
 """
 
 import io
@@ -16,6 +16,7 @@ from pandis.base.files import write_atomically
 from pandis.base.frame import Frame
 from pandis.base.streams import generator
 from pandis.pipeline.geometry.body import Body
+from pandis.pipeline.mesh.topology import EdgeTable
 from pandis.pipeline.run.plan.stages import stage_seed
 
 #: Edges sharper than this angle (degrees) count as sharp.
@@ -58,16 +59,14 @@ class _Drawer:
         Without sharp edges, they are points on the surface.
         """
         surface = self.body.surface
-        faces = surface.faces
-        halves = np.sort(faces[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1)
-        order = np.lexsort(halves.T)
-        same = (np.diff(halves[order], axis=0) == 0).all(axis=1)
-        one, other = order[:-1][same], order[1:][same]
-        cosine = np.einsum("ij,ij->i", surface.normals[one // 3], surface.normals[other // 3])
+        table = EdgeTable(surface.faces)
+        pairs = table.pairs()
+        sides = pairs // 3
+        cosine = np.einsum("ij,ij->i", *np.moveaxis(surface.normals[sides], 1, 0))
         sharp = cosine < np.cos(np.radians(_SHARP))
         if not sharp.any():
             return self.surface(count)
-        edges, sides = halves[one[sharp]], np.stack([one[sharp], other[sharp]], axis=1) // 3
+        edges, sides = table.directed[pairs[sharp, 0]], sides[sharp]
         start, end = surface.vertices[edges[:, 0]], surface.vertices[edges[:, 1]]
         share = np.cumsum(np.linalg.norm(end - start, axis=1))
         place = (np.arange(count) + self.rng.random(count)) / count

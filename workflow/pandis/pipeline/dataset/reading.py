@@ -14,8 +14,15 @@ from pandis.pipeline.geometry.strata import STRATA
 from pandis.pipeline.run.job.artifact import Artifact, check_seal, content_digest
 from pandis.pipeline.run.records.dataset import DatasetRecord, ShardRecord
 
-#: Arrays of a shard with a row for each point, and of each mesh.
-ROWS, MESH = ("points", "distance", "normal", "stratum", "doubt"), ("vertices", "faces")
+#: Arrays with a row for each point, and those of each mesh: shapes of a row, types.
+ROWS = {
+    "points": ((3,), np.float32),
+    "distance": ((), np.float32),
+    "normal": ((3,), np.float32),
+    "stratum": ((), np.uint8),
+    "doubt": ((), np.uint8),
+}
+MESH = {"vertices": ((3,), np.float64), "faces": ((3,), np.int32)}
 
 
 def read_record(path, record):
@@ -93,6 +100,8 @@ class Shard:
             import zarr
             from zarr.storage import ZipStore
 
+            if read_record(self.path, ShardRecord)[1] != self.digest:  # replaced meanwhile
+                raise ArtifactError(f"{self.path} was built anew: open the store again")
             group = zarr.open_group(ZipStore(self.path, mode="r"), mode="r")
             self._arrays = {name: group[name] for name in (*ROWS, *MESH, "ranges")}
             self._ranges = self._arrays["ranges"][...].reshape(-1, 3, 2)
@@ -101,7 +110,7 @@ class Shard:
 
     def part(self, index, names, *, start=0, stop=None):
         """Return rows of arrays of one mesh: a dict by name."""
-        first, count = self._range(index, names[0])
+        first, count = self._range(index, next(iter(names)))
         stop = count if stop is None else min(stop, count)
         return {name: self.read(name, first + start, first + stop) for name in names}
 
@@ -112,7 +121,8 @@ class Shard:
 
     def _range(self, index, name):
         self.read("ranges", 0, 0)
-        return self._ranges[index, 1 + MESH.index(name) if name in MESH else 0].tolist()
+        parts = ["rows", *MESH]
+        return self._ranges[index, parts.index(name) if name in MESH else 0].tolist()
 
 
 class LabelStore:
@@ -228,7 +238,7 @@ class LabelStore:
         unknown = sorted(set(points) - set(Points._fields))
         if unknown:
             raise PandisError(f"{unknown[0]}: there are points of {', '.join(Points._fields)}")
-        whole = LabelStore(self.path, ROWS)
+        whole = LabelStore(self.path, tuple(ROWS))
         return write_layout(whole, layout, folder, points=Points(**points), seed=seed)
 
     def _place(self, name):

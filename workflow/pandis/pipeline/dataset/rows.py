@@ -1,6 +1,7 @@
 """The rows of one mesh: reads and repairs it, draws points, labels them, and shuffles them."""
 
 import json
+import lzma
 import tarfile
 import tempfile
 import zipfile
@@ -14,6 +15,7 @@ import numpy as np
 
 from pandis.base.errors import PandisError
 from pandis.base.streams import generator
+from pandis.pipeline.dataset.reading import ROWS
 from pandis.pipeline.geometry.body import Body
 from pandis.pipeline.geometry.strata import STRATA, Strata
 from pandis.pipeline.geometry.thickness import are_walls, inscribed_radius
@@ -39,17 +41,11 @@ from pandis.pipeline.run.records.mesh import MeshRecord
 #: Bits of ``doubt``: two points of the surface are closest, so the normal is arbitrary; and the
 #: wall below is thinner than the noise that moved the point, so it may be beyond the wall.
 TIED, THIN = 1, 2
+#: What the readers of archives raise for damage, passwords and unknown compression.
+_DAMAGED = (EOFError, KeyError, RuntimeError, zipfile.BadZipFile, tarfile.TarError, zlib.error,
+            lzma.LZMAError)  # fmt: skip
 #: Stream of the order of the rows.
 _ORDER = 32
-#: Arrays with a row for each point, and those of the mesh: shapes of a row, types.
-ROWS = {
-    "points": ((3,), np.float32),
-    "distance": ((), np.float32),
-    "normal": ((3,), np.float32),
-    "stratum": ((), np.uint8),
-    "doubt": ((), np.uint8),
-}
-MESH = {"vertices": ((3,), np.float64), "faces": ((3,), np.int32)}
 
 
 class PassingError(PandisError):
@@ -100,8 +96,8 @@ def mesh_rows(work, note):
     Returns
     -------
     arrays : dict
-        `ROWS`: points in the unit frame, exactly labelled as they are stored, in random order; and
-        `MESH`.
+        `pandis.pipeline.dataset.reading.ROWS`: points in the unit frame, exactly labelled as they
+        are stored, in random order; and ``MESH``.
     facts : pandis.pipeline.run.records.dataset.MeshFacts
 
     Raises
@@ -140,7 +136,10 @@ def _labelled(body, strata, rng):
 
 
 def _beyond_walls(body, columns):
-    """Return a mask of the points that were moved farther than the wall below them is thick."""
+    """Return a mask of the points that were moved farther than the wall below them is thick.
+
+    The thickness is measured once for each face, below its middle.
+    """
     moved = np.flatnonzero((columns["stratum"] == STRATA.index("near")) & (columns["face"] >= 0))
     beyond = np.zeros(len(columns["face"]), bool)
     if not len(moved):
@@ -234,23 +233,23 @@ def _unpack(member, path):
                     _copy(stream, target)
         else:
             stat = Path(member.source).stat()
-            if member.digest != f"{_archive_digest(member.source, stat)} {member.inside}":
+            archive = _archive_digest(member.source, stat.st_size, stat.st_mtime_ns)
+            if member.digest != f"{archive} {member.inside}":
                 raise _changed()
             with tarfile.open(member.source) as archive:
                 stream = archive.extractfile(member.inside)
                 with stream, path.open("wb") as target:
                     _copy(stream, target)
-    except (EOFError, KeyError, NotImplementedError, RuntimeError, zlib.error, zipfile.BadZipFile,
-            tarfile.TarError) as error:  # fmt: skip
+    except _DAMAGED as error:
         raise PandisError(f"{member.source}: {member.inside} cannot be read ({error})") from error
     if member.sha256 and file_digest(path) != member.sha256:
         raise PandisError(f"its sha256 is {file_digest(path)}, but the table says {member.sha256}")
 
 
 @lru_cache(4)
-def _archive_digest(path, stat):
+def _archive_digest(path, size, time):
     """Return the digest of an archive, once for all its meshes while it is unchanged."""
-    del stat  # a part of the key
+    del size, time  # only parts of the key
     return file_digest(path)
 
 

@@ -1,4 +1,4 @@
-"""Shards: which mesh belongs to which, and how a shard is built from new and old meshes.
+"""Builds a shard of a data set from new meshes and from those of its last version.
 
 Work in progress and the last version of every shard lie in ``.resume`` beside the shards, so that a
 stopped job goes on, and a mesh is computed again only if it, its options or the code changed.
@@ -17,8 +17,8 @@ import numpy as np
 
 from pandis.base.errors import PandisError
 from pandis.pipeline.dataset.pool import Lost, Pool
-from pandis.pipeline.dataset.reading import Shard
-from pandis.pipeline.dataset.rows import MESH, ROWS, Work
+from pandis.pipeline.dataset.reading import MESH, ROWS, Shard
+from pandis.pipeline.dataset.rows import Work
 from pandis.pipeline.dataset.worker import failure, write_rows
 from pandis.pipeline.run.ask.members import list_digest, members
 from pandis.pipeline.run.ask.sharding import shard_of

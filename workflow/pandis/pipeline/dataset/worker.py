@@ -26,11 +26,22 @@ _MEMORY = "it needs more memory; raise memory_gb of the data set"
 
 
 def write_rows(path, facts, arrays=None):
-    """Write what a mesh came to: facts, and arrays if there are any."""
+    """Write what a mesh came to: facts, and arrays if there are any.
+
+    The file is not flushed to the disk: after a power cut, a damaged one is computed again.
+
+    Raises
+    ------
+    PandisError
+        The disk is full, or the folder is not writable.
+    """
     part = Path(f"{path}.part")
-    with part.open("wb") as stream:
-        np.savez(stream, facts=np.array(facts.model_dump_json()), **arrays or {})
-    part.replace(path)
+    try:
+        with part.open("wb") as stream:
+            np.savez(stream, facts=np.array(facts.model_dump_json()), **arrays or {})
+        part.replace(path)
+    except OSError as error:
+        raise AtomicFile(path).explain(error) from error
 
 
 def failure(stage, reason, **more):
@@ -70,9 +81,8 @@ def _answer(work, note):
         write_rows(work.output, facts, arrays)
     except MemoryError:
         write_rows(work.output, failure("store", _MEMORY, limits=limits, key=work.key))
-    except OSError as error:
-        file = AtomicFile(work.output)
-        return {"refused": str(file.explain(error))}
+    except PandisError as error:
+        return {"refused": str(error)}
     return {"written": work.output}
 
 

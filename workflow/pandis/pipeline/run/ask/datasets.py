@@ -67,10 +67,3 @@ class DatasetOptions(Options):
     @classmethod
     def _labels(cls, value):
         return LABELS | value if isinstance(value, dict) else value
-
-    def for_mesh(self, name):
-        """Return the options `mesh` and `samples` of one mesh, as plain data."""
-        override = self.override.get(name, Override())
-        mesh = MeshOptions.model_validate(self.mesh.model_dump() | override.mesh)
-        samples = SampleOptions.model_validate(self.samples.model_dump() | override.samples)
-        return mesh.model_dump(), samples.model_dump()

@@ -88,7 +88,7 @@ def members(options, digests=None):
     if source.is_dir():
         listed = list(_of_folder(source))
     elif options.source.lower().endswith(ARCHIVES):
-        listed = _of_archive(options.source)
+        listed = _of_archive(options.source, digests)
     elif source.suffix == ".txt":
         listed = [_of_line(line, source) for line in _lines(source)]
     elif source.suffix == ".csv":
@@ -269,8 +269,8 @@ def _with_digest(member, digests):
         if fault := source_fault(member.source):
             return member._replace(fault=fault.removeprefix("source: "))
         expected, digest, fault = member.sha256, digests.of(member.source, remember=False), ""
-        if expected and expected != digest and expected != file_digest(member.source):
-            fault = f"its sha256 is {file_digest(member.source)}, but the table says {expected}"
+        if expected and expected != digest and expected != (sha256 := file_digest(member.source)):
+            fault = f"its sha256 is {sha256}, but the table says {expected}"
     except OSError as error:
         return member._replace(fault=f"it cannot be read: {error.strerror}")
     return member._replace(digest=digest, fault=fault)
@@ -279,7 +279,7 @@ def _with_digest(member, digests):
 # --- archives ---------------------------------------------------------------------------
 
 
-def _of_archive(source):
+def _of_archive(source, digests):
     try:
         if source.lower().endswith(".zip"):
             with zipfile.ZipFile(source) as archive:
@@ -289,7 +289,7 @@ def _of_archive(source):
             listed = [_of_tar(source, info, most) for info in archive if _is_mesh(info)]
     except (OSError, EOFError, zipfile.BadZipFile, tarfile.TarError) as error:
         raise PandisError(f"source: {source} is no complete archive ({error})") from error
-    digest = file_digest(source)
+    digest = digests.of(source, remember=False)
     return [member._replace(digest=f"{digest} {member.inside}") for member in listed]
 
 

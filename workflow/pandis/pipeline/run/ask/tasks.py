@@ -216,7 +216,7 @@ class ShardTask(Options):
 
 
 class DatasetTask(Options):
-    """Write the index and the card of a data set of so many ``shards``."""
+    """Write the index and the card of a data set that is divided into ``shards`` files."""
 
     dataset: str
     source: str

@@ -15,16 +15,17 @@ def farewell(plan):
         return f"\nThe results are in {_place(plan)}/"
     if plan.scenes:
         return f"\nThe scenes are in  {plan.folder}/scenes/"
-    cards = [f"{plan.folder}/datasets/{name}/card.html" for name in plan.datasets.planned]
+    cards = "".join(f"\nThe card is in     {plan.folder}/datasets/{name}/card.html"
+                    for name in plan.datasets.planned)  # fmt: skip
     if not plan.entries:
-        return "".join(f"\nThe card is in     {card}" for card in cards)
+        return cards
     if not Path(plan.report).is_file() or Path(plan.report).stat().st_mtime < plan.start:
         return "Done. To make the report, run the target all or report."
     return (
         f"\nThe report is in   {plan.report}\n"
         f"The table is in    {plan.summary}\n"
         f"Exported fields:   {plan.folder}/{plan.meshes[0] if len(plan.meshes) == 1 else '{mesh}'}"
-        "/export/"
+        f"/export/{cards}"
     )
 
 

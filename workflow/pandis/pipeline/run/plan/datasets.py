@@ -64,13 +64,13 @@ class Datasets:
         count = len(self.planned[name].shards)
         return [f"{self.folder}/datasets/{name}/shards/{k:05}.zarr.zip" for k in range(count)]
 
-    def shard(self, name, number):
+    def shard(self, dataset, shard):
         """Return the options of a shard."""
-        return shard_task(self.planned[name], int(number))
+        return shard_task(self.planned[dataset], int(shard))
 
-    def dataset(self, name):
+    def dataset(self, dataset):
         """Return the options of the stage that writes the index and the card."""
-        return dataset_task(self.planned[name])
+        return dataset_task(self.planned[dataset])
 
 
 def plan_datasets(config, digests):

@@ -359,7 +359,7 @@ class Plan:
         if stage == "scene":
             return scene_task(self.scenes[wildcards["scene"]], self.entries)
         if stage in ("shard", "dataset"):
-            return getattr(self.datasets, stage)(*wildcards.values())
+            return getattr(self.datasets, stage)(**wildcards)
         if mesh is None:
             return SummaryTask(fields={name: entry.fields for name, entry in self.entries.items()})
         if stage == "refuse":
