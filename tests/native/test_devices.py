@@ -281,20 +281,23 @@ def run(stand_in, files, monkeypatch):
 
 def test_a_run_on_the_stand_in(run):
     """Begun and ended, the force in newtons, and never said to be a device's."""
-    for _ in range(5):  # other programs may hold ticks up, and then the ramp takes longer
+    # Other programs may hold ticks up: the ramp takes longer then, and so does the way to zero.
+    for _ in range(5):
         session, seen = run(name="Default Device")
-        if in_time := session.since[1:].max() < 2e-3:
+        on_time = seen.begun == 150 + hdapi.RELEASE
+        if in_time := on_time and session.since[1:].max() < 2e-3:
             break
     assert (session.cause, session.code) == (hdapi.DONE, 0)
     assert session.stand_in
     assert session.model == "stand-in"
     assert len(session.force) == 150
-    assert seen.begun >= 150 + hdapi.RELEASE  # more if this process is held up
+    assert seen.begun >= 150 + hdapi.RELEASE
     assert seen.enabled == 1
     assert seen.disabled >= 1
     assert seen.largest == pytest.approx(session.strongest)
     assert 0.1 < session.strongest < 1.0
-    assert np.array(seen.sum) == pytest.approx(session.force.sum(axis=0))
+    more = np.array(seen.sum) - session.force.sum(axis=0)  # sent after the last recorded tick
+    assert np.abs(more).max() <= (1e-9 if on_time else session.strongest * hdapi.RELEASE)
     depth = RADIUS - np.linalg.norm(session.position, axis=1)
     late = slice(30, None)  # after the ramp
     sizes = np.linalg.norm(session.force, axis=1)[late]
