@@ -17,6 +17,7 @@ from pandis.pipeline.mesh.deviation import Surface, deviation
 from pandis.pipeline.mesh.diagnosis import diagnose
 from pandis.pipeline.mesh.holes import fill_holes
 from pandis.pipeline.mesh.intake import read_mesh
+from pandis.pipeline.mesh.processes import LimitError, ToolError
 from pandis.pipeline.mesh.remesh import orient_by_sight, winding_remesh
 from pandis.pipeline.run.ask.options import MeshOptions
 from pandis.pipeline.run.ask.tasks import MeshTask
@@ -395,7 +396,7 @@ def test_a_rung_at_its_limit_fails_and_names_the_option():
 
 def test_a_rung_out_of_memory_fails_and_names_the_option(monkeypatch):
     def call(*_, **__):
-        raise tools.LimitError("needs more than 1 GB of memory")
+        raise LimitError("needs more than 1 GB of memory")
 
     monkeypatch.setattr(tools, "call", call)
     with pytest.raises(PandisError, match=r"raise mesh\.rung_memory_gb, or leave this rung out"):
@@ -421,7 +422,7 @@ def test_a_crash_of_a_rung_is_recorded_and_passed(monkeypatch):
 
     def call(operation, *arguments, **options):
         if operation == "union":
-            raise tools.ToolError("crashed (signal 11)")
+            raise ToolError("crashed (signal 11)")
         return honest(operation, *arguments, **options)
 
     monkeypatch.setattr(tools, "call", call)
@@ -565,7 +566,7 @@ def test_tools_run_on_one_thread_whatever_their_parent_does(monkeypatch):
         return run(command, **options)
 
     monkeypatch.setenv("IGL_NUM_THREADS", "2")
-    monkeypatch.setattr(tools.subprocess, "run", watched)
+    monkeypatch.setattr(subprocess, "run", watched)
     tools.call("clean", *box_mesh(), seconds=60, memory_gb=3)
     names = ("IGL_NUM_THREADS", "OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS")
     assert [started[0][name] for name in names] == ["1", "1", "1"]

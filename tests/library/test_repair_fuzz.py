@@ -12,6 +12,7 @@ from pandis.pipeline.geometry.shapes import SHAPES
 from pandis.pipeline.mesh import repair, tools
 from pandis.pipeline.mesh.formats import FormatError
 from pandis.pipeline.mesh.intake import check_arrays
+from pandis.pipeline.mesh.processes import ToolError
 from pandis.pipeline.run.ask.options import MeshOptions
 from support import box_mesh, octahedron
 from test_diagnosis import copies
@@ -128,14 +129,14 @@ def check(seed, monkeypatch):
         try:
             return tools.OPERATIONS[operation](vertices, faces, **parameters)
         except ValueError as error:  # as the child process would report it
-            raise tools.ToolError(str(error)) from error
+            raise ToolError(str(error)) from error
 
     monkeypatch.setattr(tools, "call", call)
     vertices, faces, options = damaged(seed)
     try:
         check_arrays(vertices, faces)
         arrays, record = repair.repair(vertices, faces, options, seed=0, log=lambda text: None)
-    except (PandisError, tools.ToolError, FormatError):
+    except (PandisError, ToolError, FormatError):
         return "refused"
     assert record["after"]["valid"]
     assert_valid(arrays["vertices"], arrays["faces"], points=1000)

@@ -15,7 +15,7 @@ from pandis.pipeline.mesh.forecast import forecast
 from pandis.pipeline.mesh.formats import FormatError, Reading
 from pandis.pipeline.mesh.intake import check_arrays, find_file, read_mesh
 from pandis.pipeline.mesh.places import fault_places
-from pandis.pipeline.mesh.topology import compact, same_place
+from pandis.pipeline.mesh.topology import compact, same_place, used_vertices
 from pandis.pipeline.run.ask.faults import faults_of, raise_faults
 from pandis.pipeline.run.ask.options import MeshOptions
 from pandis.pipeline.run.ask.sourcing import ANALYTIC, format_of
@@ -191,7 +191,7 @@ def check(mesh: object, /, **options: object) -> Report:
         faces=len(faces),
         components=diagnosis.components,
         unit=reading.unit if wishes.unit == "unknown" else wishes.unit,
-        size=np.ptp(vertices[np.unique(faces)], axis=0).tolist(),
+        size=np.ptp(vertices[used_vertices(faces)], axis=0).tolist(),
         area=diagnosis.area,
         volume=diagnosis.volume if diagnosis.valid else None,
         wall=diagnosis.wall,

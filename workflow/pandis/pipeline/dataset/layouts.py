@@ -16,7 +16,7 @@ from pandis.base.files import write_atomically
 from pandis.base.frame import Frame
 from pandis.base.streams import generator
 from pandis.pipeline.geometry.body import Body
-from pandis.pipeline.mesh.topology import EdgeTable
+from pandis.pipeline.mesh.topology import edges_of
 from pandis.pipeline.run.plan.stages import stage_seed
 
 #: Edges sharper than this angle (degrees) count as sharp.
@@ -59,7 +59,7 @@ class _Drawer:
         Without sharp edges, they are points on the surface.
         """
         surface = self.body.surface
-        table = EdgeTable(surface.faces)
+        table = edges_of(surface.faces)
         pairs = table.pairs()
         sides = pairs // 3
         cosine = np.einsum("ij,ij->i", *np.moveaxis(surface.normals[sides], 1, 0))

@@ -8,6 +8,7 @@ from pandis.pipeline.mesh.diagnosis import diagnose
 from pandis.pipeline.mesh.intake import find_file, read_mesh
 from pandis.pipeline.mesh.regions import named_in, read_beside, regions_after
 from pandis.pipeline.mesh.repair import repair
+from pandis.pipeline.mesh.topology import used_vertices
 
 
 def build(options, source_file, log):
@@ -48,7 +49,7 @@ def build(options, source_file, log):
     unit = options.unit if options.unit != "unknown" else reading.unit
     options = options.model_copy(update={"unit": unit})
     arrays, history = repair(vertices, faces, options, seed=options.seed, log=log)
-    used = arrays["vertices"][np.unique(arrays["faces"])]
+    used = arrays["vertices"][used_vertices(arrays["faces"])]
     frame = Frame.of_bounds(used.min(axis=0), used.max(axis=0))
     attributes = history | {
         "source": {"name": source, **record, "unit": unit},

@@ -8,17 +8,20 @@ import igl
 import numpy as np
 from scipy.spatial import cKDTree
 
-from pandis.pipeline.mesh.diagnosis import FLAT, altitudes, count_distinct, crossing_faces
+from pandis.pipeline.mesh.diagnosis import FLAT, altitudes, crossing_faces
 from pandis.pipeline.mesh.nesting import must_turn, nesting_depth, signed_volumes
 from pandis.pipeline.mesh.topology import (
-    EdgeTable,
     compact,
     components,
     connected,
+    count_distinct,
+    edges_of,
     fans,
     repeats_a_vertex,
     rotate_to_smallest,
     same_place,
+    triples,
+    used_vertices,
 )
 
 #: Distance by which copies of a split vertex move into their solids, as a fraction of the diagonal.
@@ -68,7 +71,7 @@ def resolve_duplicates(vertices, faces):
     """
     if count_distinct(faces) == len(faces):
         return faces
-    _, index = np.unique(np.sort(faces, axis=1), axis=0, return_inverse=True)
+    _, index = np.unique(triples(faces), return_inverse=True)
     # the parity of the vertex order determines a face's orientation
     rolled = rotate_to_smallest(faces)
     side = np.where(rolled[:, 1] < rolled[:, 2], 1, -1)
@@ -88,12 +91,12 @@ def resolve_duplicates(vertices, faces):
 
 def _once(faces):
     """Return the faces without copies, or unchanged if removing copies would open the mesh."""
-    _, first = np.unique(np.sort(faces, axis=1), axis=0, return_index=True)
+    _, first = np.unique(triples(faces), return_index=True)
     if len(first) == len(faces):
         return faces
     once = faces[np.sort(first)]
     faults = [(edges.boundary.sum(), (2 * edges.forward != edges.uses).sum())
-              for edges in (EdgeTable(once), EdgeTable(faces))]  # fmt: skip
+              for edges in (edges_of(once), edges_of(faces))]  # fmt: skip
     opened = any(after > before for after, before in zip(*faults, strict=True))
     return faces if opened else once
 
@@ -109,7 +112,7 @@ def flip_flat_faces(vertices, faces, rounds=20):
         flat = np.flatnonzero(altitudes(vertices[faces])[0] <= FLAT)
         if not len(flat):
             break
-        edges = EdgeTable(faces)
+        edges = edges_of(faces)
         added = set()
         order = np.argsort(edges.edge_of, kind="stable")
         starts = np.concatenate([[0], np.cumsum(edges.uses)])
@@ -152,7 +155,7 @@ def orient(vertices, faces, nested="cavity"):
     vertices, faces : ndarray
     """
     faces = np.ascontiguousarray(faces, np.int64)
-    edges = EdgeTable(faces)
+    edges = edges_of(faces)
     if edges.conflicts.any() or (edges.nonmanifold.any() and not edges.balanced):
         faces = np.ascontiguousarray(igl.bfs_orient(faces)[0], np.int64)
     component, count = components(faces)
@@ -188,7 +191,7 @@ def split(vertices, faces, straight=False):
     vertices, faces : ndarray
     """
     apart, torn_faces, torn = _separate(vertices, faces)
-    pinched = EdgeTable(torn_faces).nonmanifold.any()
+    pinched = edges_of(torn_faces).nonmanifold.any()
     if pinched:
         vertices, faces = _halve_nonmanifold_edges(vertices, faces)
         apart, torn_faces, torn = _separate(vertices, faces)
@@ -199,7 +202,7 @@ def split(vertices, faces, straight=False):
 
 def _separate(vertices, faces):
     """Return the vertices and their copies, the faces that use them, and all copies' indices."""
-    edges = EdgeTable(faces)
+    edges = edges_of(faces)
     fan = fans(faces, edges, _wedges(vertices, faces, edges))
     roots, index = np.unique(fan, return_inverse=True)
     owner = faces.reshape(-1)[roots]
@@ -214,7 +217,7 @@ def _separate(vertices, faces):
 
 def _halve_nonmanifold_edges(vertices, faces):
     """Insert a vertex at the midpoint of every edge with more than two faces."""
-    edges = EdgeTable(faces)
+    edges = edges_of(faces)
     crowded = np.flatnonzero(edges.nonmanifold)
     middle = vertices[edges.edges[crowded]].mean(axis=1)
     number = np.full(edges.count, -1)
@@ -284,7 +287,7 @@ def _part(vertices, faces, moving, *, straight):
     corners = vertices[faces]
     normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     normal /= np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-300)
-    size = PARTING * np.linalg.norm(np.ptp(vertices[np.unique(faces)], axis=0))
+    size = PARTING * np.linalg.norm(np.ptp(vertices[used_vertices(faces)], axis=0))
     sums = np.zeros_like(vertices)
     np.add.at(sums, faces.reshape(-1), np.repeat(normal, 3, axis=0))
     length = np.linalg.norm(sums[moving], axis=1, keepdims=True)
@@ -357,7 +360,7 @@ def loosen(vertices, faces, crossings=crossing_faces, *, tries=40):
     vertices, faces : ndarray
     """
     rng = np.random.default_rng(0)
-    diagonal = np.linalg.norm(np.ptp(vertices[np.unique(faces)], axis=0))
+    diagonal = np.linalg.norm(np.ptp(vertices[used_vertices(faces)], axis=0))
     pairs = crossings(vertices, faces)
     if not 0 < len(pairs) <= 1000:
         return vertices, faces

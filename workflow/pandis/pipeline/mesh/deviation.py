@@ -13,6 +13,7 @@ between 0 and 1.
 import igl
 import numpy as np
 
+from pandis.pipeline.mesh.topology import used_vertices
 from pandis.pipeline.mesh.winding import WindingNumber
 
 #: Sample points per direction.
@@ -36,7 +37,7 @@ class Surface:
     def __init__(self, vertices, faces):
         self.vertices = np.ascontiguousarray(vertices, np.float64)
         self.faces = np.ascontiguousarray(faces, np.int64)
-        used = self.vertices[np.unique(self.faces)]
+        used = self.vertices[used_vertices(self.faces)]
         self.low, self.high = used.min(axis=0), used.max(axis=0)
         self.diagonal = float(np.linalg.norm(self.high - self.low))
         self._tree = self._winding = None
@@ -186,8 +187,8 @@ def _common(source, result):
     ]
     _, index = np.unique(np.concatenate(faces), axis=0, return_inverse=True)
     mine, theirs = np.split(index.reshape(-1), [len(source.faces)])
-    corners = np.unique(faces[0])
-    untouched = float(np.isin(corners, np.unique(faces[1])).mean())
+    corners = used_vertices(faces[0])
+    untouched = float(np.isin(corners, used_vertices(faces[1])).mean())
     return np.isin(mine, theirs), np.isin(theirs, mine), untouched
 
 

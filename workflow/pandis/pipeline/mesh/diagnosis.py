@@ -9,11 +9,13 @@ import numpy as np
 from pandis.base.arrays import Faces, Vertices
 from pandis.pipeline.mesh.nesting import must_turn, nesting_depth, signed_volumes
 from pandis.pipeline.mesh.topology import (
-    EdgeTable,
     components,
+    count_distinct,
+    edges_of,
     nonmanifold_vertices,
     repeats_a_vertex,
     same_place,
+    used_vertices,
 )
 from pandis.pipeline.mesh.winding import WindingNumber
 
@@ -127,11 +129,11 @@ def diagnose(vertices: Vertices, faces: Faces, *, crossings=None):
     Diagnosis
     """
     vertices = np.ascontiguousarray(vertices, np.float64)
-    separate = np.unique(faces)
+    separate = used_vertices(faces)
     faces = np.ascontiguousarray(same_place(vertices)[faces])
-    edges = EdgeTable(faces)
+    edges = edges_of(faces)
     component, count = components(faces)
-    used = np.unique(faces)
+    used = used_vertices(faces)
     altitude, area = altitudes(vertices[faces])
     unit = _unit_box(vertices, used)
     if crossings is None:
@@ -199,13 +201,6 @@ def crossing_faces(vertices: Vertices, faces: Faces):
     return sound[pairs[np.lexsort(pairs.T[::-1])]]
 
 
-def count_distinct(faces: Faces):
-    """Return the number of distinct vertex triples, regardless of their order."""
-    ordered = np.sort(faces, axis=1)
-    ordered = ordered[np.lexsort(ordered.T)]
-    return 1 + int((np.diff(ordered, axis=0) != 0).any(axis=1).sum())
-
-
 def _unit_box(vertices, used):
     """Centre vertices and scale the longest side to 1, for libigl's float32 and the thresholds."""
     low, high = vertices[used].min(axis=0), vertices[used].max(axis=0)
@@ -221,7 +216,7 @@ def altitudes(corners):
 
 
 def _odd_windings(unit, faces):
-    half = np.ptp(unit[np.unique(faces)], axis=0) / 2
+    half = np.ptp(unit[used_vertices(faces)], axis=0) / 2
     points = np.random.default_rng(0).uniform(-1, 1, (WINDING_POINTS, 3)) * half
     turns = WindingNumber(unit, faces)(points)
     # the mesh is closed, so winding numbers are whole: only 0 and 1 are within 0.75 of 0.5

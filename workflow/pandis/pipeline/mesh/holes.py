@@ -10,7 +10,7 @@ Bunny open, or its triangles cross the mesh there.
 import numpy as np
 
 from pandis.pipeline.mesh.diagnosis import crossing_faces
-from pandis.pipeline.mesh.topology import EdgeTable
+from pandis.pipeline.mesh.topology import edges_of
 
 _WEIGHTS = ("fold", "area")
 #: Area charged for a triangle of zero area, in a polygon scaled to size 1.
@@ -31,7 +31,7 @@ def fill_holes(vertices, faces):
     vertices, faces : ndarray
         The given faces come first.
     """
-    edges = EdgeTable(faces)
+    edges = edges_of(faces)
     known = {tuple(edge) for edge in edges.edges.tolist()}
     rims = _rims(faces, edges)
     choice = np.zeros(len(rims), np.int64)

@@ -11,6 +11,8 @@ import numpy as np
 from pandis.base.errors import PandisError
 from pandis.pipeline.mesh import tools
 from pandis.pipeline.mesh.formats import FormatError
+from pandis.pipeline.mesh.processes import LimitError, MissingError, ToolError
+from pandis.pipeline.mesh.topology import used_vertices
 from pandis.pipeline.run.ask.sourcing import FORMATS, format_of, source_path
 from pandis.pipeline.run.job.artifact import file_digest
 
@@ -78,14 +80,14 @@ def read_mesh(source, path, sha256=None, *, seconds=120.0, memory_gb=3.0):
         check_arrays(reading.vertices, reading.faces)
     except FormatError as error:
         raise PandisError(f"{source}: {error}") from None
-    except tools.LimitError as error:
+    except LimitError as error:
         key = "reader_seconds" if "longer" in str(error) else "reader_memory_gb"
         raise PandisError(f"{source}: reading it {error}; raise mesh.{key}") from None
-    except tools.MissingError as error:
+    except MissingError as error:
         raise PandisError(
             f"{source}: its reader needs a package: {error}; pip install 'pandis-fields[make]'"
         ) from None
-    except tools.ToolError as error:
+    except ToolError as error:
         raise PandisError(
             f"{source}: its reader failed: {error}; this is a defect of pandis: please report it "
             "and attach the file"
@@ -124,7 +126,7 @@ def check_arrays(vertices, faces):
     """Raise FormatError unless the mesh has faces, finite vertices and a usable extent."""
     if not len(faces):
         raise FormatError("it has no faces; export it as a triangle mesh")
-    used = vertices[np.unique(faces)]
+    used = vertices[used_vertices(faces)]
     bad = int((~np.isfinite(used)).any(axis=1).sum())
     if bad:
         raise FormatError(

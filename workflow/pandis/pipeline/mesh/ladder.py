@@ -1,6 +1,5 @@
 """Runs rungs in child processes, diagnoses the results, and records whether each is kept."""
 
-import resource
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import NamedTuple
@@ -11,13 +10,18 @@ from pandis.base.errors import PandisError
 from pandis.pipeline.mesh import tools
 from pandis.pipeline.mesh.deviation import Surface, deviation, inside_changed, none
 from pandis.pipeline.mesh.diagnosis import Diagnosis, diagnose
+from pandis.pipeline.mesh.processes import (
+    CpuTime,
+    CpuTimeError,
+    LimitError,
+    MissingError,
+    ToolError,
+)
 from pandis.pipeline.mesh.topology import compact
 from pandis.pipeline.run.ask.options import MeshOptions
 
 #: Rungs that keep the source's surface; only these are tried if a solid is made otherwise.
 EXACT = ("clean", "union", "fill")
-#: CPU time of starting a process, which does not count, so that small meshes are never short of it.
-_STARTING = 1.5
 #: Largest volume that a rung may add or remove, as a share of the inside.
 INSIDE_CHANGED = 0.02
 
@@ -32,12 +36,6 @@ class State(NamedTuple):
     reference: Surface
     deviation: dict
     rungs: list
-
-
-def children_seconds():
-    """Return the CPU time of all child processes that have ended."""
-    used = resource.getrusage(resource.RUSAGE_CHILDREN)
-    return used.ru_utime + used.ru_stime
 
 
 @dataclass
@@ -60,8 +58,8 @@ class Ladder:
         after welding and outward orientation, so that its inside is defined.
     deviation : dict or None
         Deviation of the current mesh; None if it was not measured.
-    seconds_left : float or None
-        CPU time that exact rungs may still use before a solid is made; None if none is made.
+    cpu : pandis.pipeline.mesh.processes.CpuTime or None
+        What exact rungs may still use before a solid is made; None if none is made.
     """
 
     vertices: np.ndarray
@@ -74,12 +72,12 @@ class Ladder:
     source: Surface = None
     reference: Surface = None
     deviation: dict | None = field(default_factory=none)
-    seconds_left: float | None = None
+    cpu: CpuTime | None = None
     _measured: dict | None = None
 
     def allows(self, rung):
         """Return whether the configuration allows a rung."""
-        if self.seconds_left is not None and rung not in EXACT:
+        if self.cpu is not None and rung not in EXACT:
             return False
         return rung in self.options.rungs
 
@@ -87,7 +85,7 @@ class Ladder:
     def closes_holes(self):
         """Whether large holes are filled, not refused."""
         return self.options.open == "cap" or (
-            self.seconds_left is not None and self.options.open == "refuse"
+            self.cpu is not None and self.options.open == "refuse"
         )
 
     def attempt(self, rung, operation, accept, **parameters):
@@ -111,27 +109,24 @@ class Ladder:
         limits = {
             "seconds": self.options.rung_seconds,
             "memory_gb": self.options.rung_memory_gb,
+            "cpu": self.cpu,
         }
         entry = {"rung": rung, "operation": operation, "parameters": parameters}
-        if self.seconds_left is not None:
-            if self.seconds_left <= 0:
-                self.note(entry, "no time is left (mesh.solid_after)")
-                return False
-            limits["cpu_seconds"] = self.seconds_left
-        before = children_seconds()
+        if self.cpu is not None and self.cpu.left <= 0:
+            self.note(entry, "no time is left (mesh.solid_after)")
+            return False
         try:
             vertices, faces = tools.call(
                 operation, self.vertices, self.faces, **limits, **parameters
             )
-        except tools.CpuTimeError as error:
-            self.seconds_left = 0.0
+        except CpuTimeError as error:
             self.note(entry, f"{error} (mesh.solid_after)")
             return False
-        except (tools.LimitError, tools.MissingError) as error:
+        except (LimitError, MissingError) as error:
             left = [name for name in self.options.rungs if name != rung]
             out = f"or leave this rung out: mesh.rungs: [{', '.join(left)}]"
             # stop: if the next rung ran instead, the mesh would depend on what is installed
-            if isinstance(error, tools.MissingError):
+            if isinstance(error, MissingError):
                 remedy = (
                     f"needs a package: {error}; pip install 'pandis-fields[make,repair]', {out}"
                 )
@@ -139,11 +134,9 @@ class Ladder:
                 key = "rung_seconds" if "longer" in str(error) else "rung_memory_gb"
                 remedy = f"{error}; raise mesh.{key}, {out}"
             raise PandisError(f"repair: {rung} {remedy}") from error
-        except tools.ToolError as error:
+        except ToolError as error:
             self.note(entry, f"failed: {error}")
             return False
-        if self.seconds_left is not None:
-            self.seconds_left -= max(children_seconds() - before - _STARTING, 0.0)
         if not len(faces):
             self.note(entry, "no faces are left")
             return False

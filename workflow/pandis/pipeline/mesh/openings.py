@@ -5,7 +5,7 @@ import numpy as np
 
 from pandis.pipeline.mesh.deviation import Surface
 from pandis.pipeline.mesh.remesh import orient_by_sight
-from pandis.pipeline.mesh.topology import EdgeTable, components
+from pandis.pipeline.mesh.topology import components, edges_of, used_vertices
 
 #: Capping is advised only if at most this share of the area has no solid behind it.
 SHEETS = 0.05
@@ -29,12 +29,12 @@ def large_holes(vertices, faces, small_hole, *, max_edges):
         ``rim`` is the length divided by the component's diagonal.
     """
     label, _ = components(faces)
-    edges = EdgeTable(faces)
+    edges = edges_of(faces)
     large = []
     for part in np.unique(label[np.flatnonzero(edges.boundary[edges.edge_of]) // 3]):
         component = faces[label == part]
-        size = float(np.linalg.norm(np.ptp(vertices[np.unique(component)], axis=0)))
-        for hole in EdgeTable(component).holes(vertices):
+        size = float(np.linalg.norm(np.ptp(vertices[used_vertices(component)], axis=0)))
+        for hole in edges_of(component).holes(vertices):
             rim = hole["length"] / size if size else np.inf
             if rim > small_hole or hole["edges"] > max_edges:
                 large.append(hole | {"rim": rim})
@@ -57,7 +57,7 @@ def loose_pieces(vertices, faces, small_hole, *, max_edges):
         wholly inside closed parts.
     """
     label, count = components(faces)
-    edges = EdgeTable(faces)
+    edges = edges_of(faces)
     open_ = np.zeros(count, bool)
     open_[label[np.flatnonzero(edges.boundary[edges.edge_of]) // 3]] = True
     for part in np.flatnonzero(open_):

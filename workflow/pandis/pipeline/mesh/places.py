@@ -3,7 +3,7 @@
 import numpy as np
 
 from pandis.pipeline.mesh.diagnosis import FLAT, altitudes
-from pandis.pipeline.mesh.topology import EdgeTable, nonmanifold_vertices, same_place
+from pandis.pipeline.mesh.topology import edges_of, nonmanifold_vertices, same_place, used_vertices
 
 #: Number of places that are listed for each kind of fault.
 LISTED = 5
@@ -25,7 +25,7 @@ def fault_places(vertices, faces, diagnosis, *, crossings, listed=LISTED):
     """
     first = same_place(vertices)
     welded = np.ascontiguousarray(first[faces])
-    edges = EdgeTable(welded)
+    edges = edges_of(welded)
     middles = vertices[welded].mean(axis=1)
 
     def along(mask):
@@ -38,7 +38,7 @@ def fault_places(vertices, faces, diagnosis, *, crossings, listed=LISTED):
         return middles[counts[index.reshape(-1)] > 1]
 
     def split():
-        used = np.unique(faces)
+        used = used_vertices(faces)
         return vertices[used[first[used] != used]]
 
     ways = {

@@ -10,7 +10,7 @@ surface or near a change of side are visited.
 import igl
 import numpy as np
 
-from pandis.pipeline.mesh.topology import EdgeTable, components
+from pandis.pipeline.mesh.topology import components, edges_of, used_vertices
 from pandis.pipeline.mesh.winding import WindingNumber
 
 #: Depth of the octree at which every cell is visited.
@@ -42,7 +42,7 @@ def winding_remesh(vertices, faces, level):
     vertices, faces : ndarray
         Closed, unless the surface leaves the visited cells.
     """
-    used = vertices[np.unique(faces)]
+    used = vertices[used_vertices(faces)]
     centre = (used.min(axis=0) + used.max(axis=0)) / 2
     scale = 1 / (1.1 * np.ptp(used, axis=0).max())
     unit = np.ascontiguousarray((vertices - centre) * scale + 0.5)
@@ -134,10 +134,10 @@ def orient_by_sight(vertices, faces):
     ndarray, shape (F, 3)
     """
     faces = np.ascontiguousarray(faces, np.int64)
-    used = vertices[np.unique(faces)]
+    used = vertices[used_vertices(faces)]
     # scale to 1, because libigl's rays miss faces of size 1e-9
     vertices = np.ascontiguousarray((vertices - used.min(axis=0)) / np.ptp(used, axis=0).max())
-    edges = EdgeTable(faces)
+    edges = edges_of(faces)
     patch, count = components(faces) if not edges.nonmanifold.any() else _patches(faces)
     if edges.conflicts.any():
         faces = np.ascontiguousarray(igl.bfs_orient(faces)[0])

@@ -26,8 +26,9 @@ from pandis.pipeline.mesh.diagnosis import diagnose
 from pandis.pipeline.mesh.ladder import Ladder
 from pandis.pipeline.mesh.nesting import signed_volumes
 from pandis.pipeline.mesh.openings import THICKEN, advice, large_holes, loose_pieces
+from pandis.pipeline.mesh.processes import CpuTime
 from pandis.pipeline.mesh.solidify import solidify, with_solid
-from pandis.pipeline.mesh.topology import EdgeTable, compact, components, one_sided
+from pandis.pipeline.mesh.topology import compact, components, edges_of, one_sided, used_vertices
 
 RUNGS = ("clean", "union", "fill", "meshfix", "remesh", "wrap")
 #: Octree levels that `remesh` tries. Their cells are 1.1/128 and 1.1/256 of the longest side.
@@ -104,7 +105,7 @@ def _repaired(ladder, vertices, faces):
     """Climb, and make a solid if that fails and is wanted; return what was invented, or None."""
     always, start = ladder.options.solid == "always", ladder.state()
     if always:
-        ladder.seconds_left = ladder.options.solid_after
+        ladder.cpu = CpuTime(ladder.options.solid_after)
     try:
         climb(ladder)
         if always and ladder.options.open == "refuse":  # else caps were asked for
@@ -138,7 +139,7 @@ def climb(ladder):
         As from `repair`.
     """
     ladder.source = Surface(ladder.vertices, ladder.faces)
-    flat = _is_flat(ladder.vertices[np.unique(ladder.faces)])
+    flat = _is_flat(ladder.vertices[used_vertices(ladder.faces)])
     paired = ladder.now.duplicate_faces > SHEETS * ladder.now.faces
     _clean(ladder)
     ladder.reference = Surface(ladder.vertices, ladder.faces)
@@ -250,7 +251,7 @@ def _orient(ladder):
     was, now = (
         signed_volumes(ladder.vertices, f, label, count=count) for f in (before, ladder.faces)
     )
-    hollow = (was > 0) & (now < 0) & EdgeTable(ladder.faces).closed
+    hollow = (was > 0) & (now < 0) & edges_of(ladder.faces).closed
     if hollow.any():
         ladder.log(
             f"a solid inside another becomes a cavity, as mesh.nested requires: {hollow.sum()} "
@@ -301,7 +302,7 @@ def _settle_by(ladder, **parting):
             _leave_walls_out(ladder)
             now = ladder.now
         crossing = now.self_intersections or now.odd_windings or now.duplicate_faces
-        if crossing and ladder.allows("union") and EdgeTable(ladder.faces).balanced:
+        if crossing and ladder.allows("union") and edges_of(ladder.faces).balanced:
             ladder.attempt("union", "union", _balanced_only)
         torn = ladder.now.nonmanifold_edges or ladder.now.nonmanifold_vertices
         if torn and ladder.allows("clean"):
@@ -329,7 +330,7 @@ def _leave_walls_out(ladder):
 
 def _balanced_only(vertices, faces, diagnosis):
     del vertices, diagnosis
-    return None if EdgeTable(faces).balanced else "the union is open"
+    return None if edges_of(faces).balanced else "the union is open"
 
 
 def _manifold_only(vertices, faces, diagnosis):

@@ -8,12 +8,10 @@ float64, never in a mesh format.
 
 import json
 import os
-import resource
-import signal
-import subprocess
 import sys
 import tempfile
 from functools import partial
+from importlib import import_module
 from pathlib import Path
 
 import numpy as np
@@ -21,40 +19,33 @@ import numpy as np
 from pandis.base.children import python_path
 from pandis.pipeline.mesh.formats import FormatError, Reading
 from pandis.pipeline.mesh.formats import read as read_format
+from pandis.pipeline.mesh.processes import (
+    Clock,
+    Limits,
+    MissingError,
+    ToolError,
+    forked,
+    restrict,
+    spawned,
+)
 
 #: Operations that can run in a process which is isolated itself: our own code, quick and harmless.
 _QUICK = {"read_file", "clean", "orient", "split"}
+#: Modules of the operations to which CPU time is lent. Importing them does not count.
+_LENT = ("cleanup", "holes")
 _SETTINGS = {"isolated": True}
 
 
 def isolate(isolated):
-    """Set whether every operation has a process of its own; otherwise quick ones have none.
+    """Set whether every operation has a new process; otherwise it is at most a copy of this one.
 
-    Starting a process takes longer than cleaning a small mesh. A worker that may crash, and whose
-    time and memory are limited, needs no second one.
+    Starting Python takes longer than repairing a small mesh. A worker that may crash, and whose
+    time and memory are limited, runs quick operations itself and others in copies of itself.
     """
     _SETTINGS["isolated"] = isolated
 
 
-class ToolError(Exception):
-    """A tool failed; the message is a short reason."""
-
-
-class LimitError(ToolError):
-    """A tool needed more time or memory than allowed."""
-
-
-class CpuTimeError(ToolError):
-    """A tool needed more CPU time than it was lent."""
-
-
-class MissingError(ToolError):
-    """A tool's package cannot be imported; the message names it."""
-
-
-def call(
-    operation, vertices=None, faces=None, *, seconds, memory_gb, cpu_seconds=None, **parameters
-):
+def call(operation, vertices=None, faces=None, *, seconds, memory_gb, cpu=None, **parameters):
     """Run an operation of this module in a child process.
 
     Parameters
@@ -65,8 +56,8 @@ def call(
         The mesh to work on.
     seconds, memory_gb : float
         Limits on time (s) and memory (GiB).
-    cpu_seconds : float, optional
-        Limit on CPU time (s).
+    cpu : pandis.pipeline.mesh.processes.CpuTime, optional
+        CPU time that is lent to the operation; what it uses is taken off.
     **parameters
         Further arguments of the operation: numbers and strings.
 
@@ -86,8 +77,9 @@ def call(
     ToolError
         The operation crashed or raised an exception.
     """
-    limits = {"seconds": seconds, "memory_gb": memory_gb, "cpu_seconds": cpu_seconds}
-    return _run(operation, (vertices, faces), parameters, **limits)[:2]
+    return _run(operation, (vertices, faces), parameters, limits=Limits(seconds, memory_gb, cpu))[
+        :2
+    ]
 
 
 def read(path, form, folder, *, seconds, memory_gb):
@@ -113,7 +105,7 @@ def read(path, form, folder, *, seconds, memory_gb):
     """
     parameters = {"path": str(path), "form": form, "folder": str(folder)}
     try:
-        return _run("read_file", (None, None), parameters, seconds=seconds, memory_gb=memory_gb)
+        return _run("read_file", (None, None), parameters, limits=Limits(seconds, memory_gb))
     except ToolError as error:
         prefix, _, message = str(error).partition(": ")
         if prefix == FormatError.__name__:
@@ -121,59 +113,30 @@ def read(path, form, folder, *, seconds, memory_gb):
         raise
 
 
-def _run(operation, mesh, parameters, *, seconds, memory_gb, cpu_seconds=None):
-    vertices, faces = mesh
+def _run(operation, mesh, parameters, *, limits):
     if operation in _QUICK and not _SETTINGS["isolated"]:
         return _here(operation, mesh, parameters)
-    limit = int(memory_gb * 2**30)
-
-    def restrict():
-        resource.setrlimit(resource.RLIMIT_AS, (limit, limit))
-        resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
-        if cpu_seconds is not None:  # starting takes most of a second, and the limit is whole
-            resource.setrlimit(resource.RLIMIT_CPU, (int(cpu_seconds) + 2,) * 2)
-
+    lent = limits.cpu.left if limits.cpu else None
     with tempfile.TemporaryDirectory() as folder:
         source, output = Path(folder) / "given.npz", Path(folder) / "result.npz"
-        if vertices is not None:
-            np.savez(source, vertices=vertices, faces=faces)
-        command = [
-            sys.executable,
-            "-m",
-            __spec__.name,
-            operation,
-            json.dumps(parameters),
-            str(source),
-            str(output),
-        ]
-        root = Path(__file__).resolve().parents[3]
-        # the exact union orders faces by the number of libigl's threads
-        one = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "IGL_NUM_THREADS"), "1")
-        environment = os.environ | {"PYTHONPATH": python_path(root), **one}
-        try:
-            done = subprocess.run(
-                command,
-                env=environment,
-                timeout=seconds,
-                preexec_fn=restrict,
-                capture_output=True,
-                text=True,
-                errors="replace",
-                check=False,
-            )
-        except subprocess.TimeoutExpired as error:
-            raise LimitError(f"took longer than {seconds:g} s") from error
-        if done.returncode or not output.is_file():
-            if any(word in done.stderr for word in ("MemoryError", "bad_alloc", "std::length")):
-                raise LimitError(f"needs more than {memory_gb:g} GiB of memory")
-            if cpu_seconds is not None and done.returncode in (-signal.SIGXCPU, -signal.SIGKILL):
-                raise CpuTimeError(f"took longer than {cpu_seconds:.2g} CPU s")
-            if done.returncode < 0:
-                raise ToolError(f"crashed (signal {-done.returncode})")
-            message = (done.stderr.strip().splitlines() or ["no message"])[-1]
-            kind, _, what = message.partition(": ")
-            raise MissingError(what) if kind == "ModuleNotFoundError" else ToolError(message)
+        if not _SETTINGS["isolated"]:
+            operate = partial(OPERATIONS[operation], *mesh, **parameters)
+            forked(partial(_save, operate, output, lent), limits)
+        else:
+            if mesh[0] is not None:
+                np.savez(source, vertices=mesh[0], faces=mesh[1])
+            terms = json.dumps([limits.memory_gb, lent])
+            arguments = [operation, json.dumps(parameters), terms, source, output]
+            root = Path(__file__).resolve().parents[3]
+            # the exact union orders faces by the number of libigl's threads
+            one = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "IGL_NUM_THREADS"), "1")
+            environment = os.environ | {"PYTHONPATH": python_path(root), **one}
+            spawned([sys.executable, "-m", __spec__.name, *arguments], environment, limits)
+        if not output.is_file():
+            raise ToolError("no result")
         with np.load(output) as data:
+            if limits.cpu:
+                limits.cpu.left -= float(data["seconds"])
             unit = str(data.get("unit", "unknown"))
             notes = data["notes"].tolist() if "notes" in data else []
             return Reading(data["vertices"], data["faces"], data.get("materials"), notes, unit)
@@ -234,7 +197,7 @@ def union(vertices, faces):
     from igl.copyleft import cgal
 
     from pandis.pipeline.mesh import cleanup
-    from pandis.pipeline.mesh.topology import EdgeTable, rotate_to_smallest
+    from pandis.pipeline.mesh.topology import edges_of, rotate_to_smallest
 
     def crossings(v, f):
         """Combine two tests, because each misses some pairs of nearly flat faces."""
@@ -254,7 +217,7 @@ def union(vertices, faces):
     # rounding to float64 made faces cross: weld close vertices, then perturb what still crosses
     diagonal = np.linalg.norm(np.ptp(vertices, axis=0))
     welded = cleanup.clean(vertices, faces, 1e-9 * diagonal)
-    if len(welded[1]) and EdgeTable(welded[1]).balanced:
+    if len(welded[1]) and edges_of(welded[1]).balanced:
         vertices, faces = welded
     vertices, faces = cleanup.loosen(vertices, faces, crossings)
     if left := len(crossings(vertices, faces)):
@@ -270,10 +233,10 @@ def skin(vertices, faces):
     """
     from igl.copyleft import cgal
 
-    from pandis.pipeline.mesh.topology import EdgeTable, compact, components
+    from pandis.pipeline.mesh.topology import compact, components, edges_of
 
     label, count = components(faces)
-    edges = EdgeTable(faces)
+    edges = edges_of(faces)
     torn = np.unique(label[np.flatnonzero(edges.nonmanifold[edges.edge_of]) // 3])
     stays, flipped = np.ones(len(faces), bool), np.zeros(len(faces), bool)
     for part in torn[torn < count]:
@@ -299,7 +262,7 @@ def meshfix(vertices, faces):
     import pymeshfix
     from scipy.spatial import cKDTree
 
-    from pandis.pipeline.mesh.topology import compact, components
+    from pandis.pipeline.mesh.topology import compact, components, used_vertices
 
     label, count = components(faces)
     parts, offset = [], 0
@@ -315,7 +278,7 @@ def meshfix(vertices, faces):
         return np.empty((0, 3)), np.empty((0, 3), np.int64)
     fixed = np.concatenate([p[0] for p in parts])
     # MeshFix rounds coordinates: restore those of vertices that it has not moved
-    diagonal = np.linalg.norm(np.ptp(vertices[np.unique(faces)], axis=0))
+    diagonal = np.linalg.norm(np.ptp(vertices[used_vertices(faces)], axis=0))
     gap, nearest = cKDTree(vertices).query(fixed)
     still = gap <= 1e-6 * diagonal
     fixed[still] = vertices[nearest[still]]
@@ -371,13 +334,24 @@ OPERATIONS = {
 
 def main(arguments):
     """Run one operation and store the resulting mesh."""
-    operation, parameters, source, output = arguments
-    operate = OPERATIONS[operation]
+    operation, parameters, terms, source, output = arguments
+    memory_gb, lent = json.loads(terms)
+    restrict(memory_gb)
+    if lent is not None:
+        for module in _LENT:
+            import_module(f"{__package__}.{module}")
+    operate = partial(OPERATIONS[operation], **json.loads(parameters))
     if Path(source).is_file():
         with np.load(source) as data:
             operate = partial(operate, data["vertices"], data["faces"])
+    _save(operate, output, lent)
+
+
+def _save(operate, output, lent):
+    """Run an operation within the CPU time that is lent to it, and store the result."""
+    clock = Clock(lent)
     try:
-        vertices, faces, *more = operate(**json.loads(parameters))
+        vertices, faces, *more = operate()
     except MemoryError:
         raise
     except Exception as error:
@@ -386,6 +360,7 @@ def main(arguments):
     arrays = {
         "vertices": np.asarray(vertices, np.float64).reshape(-1, 3),
         "faces": np.asarray(faces, np.int64).reshape(-1, 3),
+        "seconds": clock.spent(),
     }
     if more:
         materials, notes, unit = more

@@ -4,14 +4,35 @@ Most functions use only indices; positions are needed for lengths and for coinci
 No function modifies its arguments.
 """
 
+from functools import wraps
+
 import igl
 import numpy as np
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
+#: Meshes whose connectivity is remembered: stages of a repair ask for that of the same faces often.
+_REMEMBERED = 3
+
+
+def _remembered(function):
+    """Make a function of faces (F, 3) return its last results again for equal faces."""
+    results = []
+
+    @wraps(function)
+    def remembering(faces):
+        for known, result in tuple(results):
+            if np.array_equal(known, faces):
+                return result
+        result = function(faces)
+        results[:] = [(np.array(faces), result), *results[: _REMEMBERED - 1]]
+        return result
+
+    return remembering
+
 
 class EdgeTable:
-    """The edges of a mesh, and the number and direction of the faces along them.
+    """The edges of a mesh, and the number and direction of the faces along them: see `edges_of`.
 
     Half-edge ``3 f + k`` runs from corner k of face f to its corner k + 1.
 
@@ -94,6 +115,12 @@ class EdgeTable:
         return sorted(holes, key=lambda hole: -hole["length"])
 
 
+@_remembered
+def edges_of(faces):
+    """Return the `EdgeTable` of faces (F, 3)."""
+    return EdgeTable(faces)
+
+
 def connected(pairs, count):
     """Return a component label for each of ``count`` nodes joined by ``pairs`` (m, 2).
 
@@ -115,7 +142,7 @@ def one_sided(faces):
 
     Such a piece, for example a Klein bottle, cannot be oriented consistently and has no inside.
     """
-    edges, count = EdgeTable(faces), len(faces)
+    edges, count = edges_of(faces), len(faces)
     half = np.argsort(edges.edge_of, kind="stable")
     starts = np.concatenate([[0], np.cumsum(edges.uses)])[:-1]
     pairs = np.flatnonzero(edges.uses == 2)
@@ -132,10 +159,24 @@ def one_sided(faces):
     return turned & ~np.isin(label[:count], bad)
 
 
+@_remembered
 def components(faces):
     """Return the edge-connected component of each face, and the number of components."""
     count, label = igl.facet_components(np.ascontiguousarray(faces, np.int64))
+    label.flags.writeable = False  # it is handed out again
     return label, int(count)
+
+
+def triples(faces):
+    """Return a number (F,) for each face: equal for faces on the same three vertices only."""
+    edges = edges_of(faces)
+    of = edges.edge_of.reshape(-1, 3)  # two edges of a face determine its vertices
+    return of.min(axis=1) * edges.count + of.max(axis=1)
+
+
+def count_distinct(faces):
+    """Return the number of distinct vertex triples, regardless of their order."""
+    return 1 + int(np.count_nonzero(np.diff(np.sort(triples(faces)))))
 
 
 def fans(faces, edges, also=None):
@@ -198,7 +239,17 @@ def rotate_to_smallest(faces):
     return np.take_along_axis(faces, (start[:, None] + [0, 1, 2]) % 3, axis=1)
 
 
+def used_vertices(faces):
+    """Return the indices of the vertices that faces use, in ascending order."""
+    corners = faces.reshape(-1)
+    if len(corners) and corners.max() <= 8 * len(corners):
+        return np.flatnonzero(np.bincount(corners))  # ten times as fast as np.unique
+    return np.unique(corners)
+
+
 def compact(vertices, faces):
     """Drop vertices that no face uses; the others are bitwise unchanged and in the same order."""
-    used, index = np.unique(faces, return_inverse=True)
-    return vertices[used], index.reshape(-1, 3).astype(np.int64)
+    used = used_vertices(faces)
+    index = np.empty(used[-1] + 1 if len(used) else 0, np.int64)
+    index[used] = np.arange(len(used))
+    return vertices[used], index[faces]

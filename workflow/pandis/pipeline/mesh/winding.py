@@ -8,6 +8,7 @@ over all faces would take a quarter of an hour.
 import numpy as np
 
 from pandis.engine.bvh import Bvh
+from pandis.pipeline.mesh.topology import compact
 
 #: Winding numbers farther than this from an integer are recomputed with finer clusters.
 CLEAR = 0.1
@@ -25,12 +26,11 @@ class WindingNumber:
     """
 
     def __init__(self, vertices, faces):
-        used, index = np.unique(faces, return_inverse=True)
-        corners = vertices[used]
+        corners, faces = compact(vertices, faces)
         self.centre = (corners.min(axis=0) + corners.max(axis=0)) / 2
         self.scale = 1 / np.ptp(corners, axis=0).max()
         # clusters are stored as float32, which requires coordinates of about 1
-        self._tree = Bvh((corners - self.centre) * self.scale, index.reshape(-1, 3))
+        self._tree = Bvh((corners - self.centre) * self.scale, faces)
 
     def __call__(self, points):
         """Return the winding number (n,) at points (n, 3)."""

@@ -6,7 +6,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import PathPatch
 from matplotlib.path import Path
 
-from pandis.pipeline.mesh.topology import EdgeTable
+from pandis.pipeline.mesh.topology import edges_of
 from pandis.pipeline.report.picture import save
 
 _INSIDE, _SOURCE, _INVENTED = "#dce3ef", "#33415c", "#3ca05a"
@@ -63,7 +63,7 @@ def loops_at(vertices, faces, axis, *, at):
         The ends of each cut face's part in the plane.
     """
     height = vertices[:, axis] - at
-    edges = EdgeTable(np.asarray(faces, np.int64))
+    edges = edges_of(np.asarray(faces, np.int64))
     one, other = edges.edges.T
     crosses = (height[one] > 0) != (height[other] > 0)
     share = height[one] / np.where(crosses, height[one] - height[other], 1.0)

@@ -18,7 +18,7 @@ from pandis.pipeline.kinds.compact.reference import CompactField
 from pandis.pipeline.kinds.compact.spec import BITS, KIND
 from pandis.pipeline.kinds.sizing import Candidate, points_of, sizing_of
 from pandis.pipeline.mesh.tools import ToolError, call
-from pandis.pipeline.mesh.topology import EdgeTable
+from pandis.pipeline.mesh.topology import edges_of
 from pandis.pipeline.run.job.artifact import Artifact
 
 #: Bits at which rounding causes far less error than removing faces.
@@ -143,7 +143,7 @@ class Packer:
             count = int(0.995 * len(surface[1]) * budget / size)
             try:
                 surface = call("simplify", *surface, count=count, **_LIMITS)
-                if not EdgeTable(surface[1]).balanced:
+                if not edges_of(surface[1]).balanced:
                     self.log(f"simplified to {len(surface[1]):,} faces, the mesh is not closed")
                     return None
                 packed = pack_body(self.body, bits, surface)

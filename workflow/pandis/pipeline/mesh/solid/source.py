@@ -6,7 +6,13 @@ import numpy as np
 
 from pandis.base.errors import PandisError
 from pandis.engine.solid import FINENESS
-from pandis.pipeline.mesh.topology import EdgeTable, repeats_a_vertex, rotate_to_smallest
+from pandis.pipeline.mesh.topology import (
+    compact,
+    edges_of,
+    repeats_a_vertex,
+    rotate_to_smallest,
+    triples,
+)
 
 #: Vertices in one cell of this share of the diagonal become one.
 _WELD = 1e-6
@@ -86,8 +92,7 @@ def _welded(vertices, faces):
     doubled : ndarray
         Faces that were there in both orientations.
     """
-    used, index = np.unique(faces, return_inverse=True)
-    vertices, faces = vertices[used], index.reshape(-1, 3)
+    vertices, faces = compact(vertices, faces)
     extent = np.ptp(vertices, axis=0)
     if not (extent > 0).any():
         raise PandisError("the mesh is a point: it has no area")
@@ -99,9 +104,7 @@ def _welded(vertices, faces):
     if not len(faces):
         raise PandisError("no face has an area")
     turned = rotate_to_smallest(faces)
-    _, first, index = np.unique(
-        np.sort(faces, axis=1), axis=0, return_index=True, return_inverse=True
-    )
+    _, first, index = np.unique(triples(faces), return_index=True, return_inverse=True)
     way = turned[:, 1] < turned[:, 2]
     both = np.zeros((len(first), 2), bool)
     both[index.reshape(-1), way.astype(int)] = True
@@ -121,5 +124,5 @@ def _frame(vertices, cells):
 
 def _open_edges(faces):
     """Return a mask (F, 3) of the edges that have one face."""
-    edges = EdgeTable(faces)
+    edges = edges_of(faces)
     return edges.boundary[edges.edge_of].reshape(-1, 3)
