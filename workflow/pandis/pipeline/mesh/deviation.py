@@ -133,8 +133,15 @@ def deviation(source, result, seed, *, reference=None, wall=0.0, samples=SAMPLES
     return {"to_result": to_result, "to_source": to_source, "untouched": untouched}
 
 
-def provenance(source, result, reference):
+def provenance(source, result, reference, *, cell=None):
     """Return the origin of each face of a repaired mesh, and its distance to the reference.
+
+    Parameters
+    ----------
+    source, result, reference : Surface
+    cell : float, optional
+        Size of the cells (mesh units) if the result is a solid: what is farther from the source
+        is a cap.
 
     Returns
     -------
@@ -149,8 +156,10 @@ def provenance(source, result, reference):
     if len(new):
         centres = result.vertices[result.faces[new]].mean(axis=1)
         distance[new] = reference.distance(centres)
-        between = np.abs(reference.windings(centres) - 0.5) < 0.5 - BETWEEN
-        origin[new[between & (distance[new] > 2 * BESIDE * source.diagonal)]] = 2
+        far = np.flatnonzero(distance[new] > (cell or 2 * BESIDE * source.diagonal))
+        if len(far) and cell is None:
+            far = far[np.abs(reference.windings(centres[far]) - 0.5) < 0.5 - BETWEEN]
+        origin[new[far]] = 2
     return origin, distance
 
 

@@ -1,7 +1,8 @@
 """Nesting of a mesh's components, and the orientation that follows from it."""
 
-import igl
 import numpy as np
+
+from pandis.pipeline.mesh.winding import WindingNumber
 
 
 def signed_volumes(vertices, faces, component, *, count):
@@ -42,9 +43,8 @@ def nesting_depth(vertices, faces, component, *, count, crossings):
         enclosed = np.flatnonzero((low > low[outer]).all(axis=1) & (high < high[outer]).all(axis=1))
         free = [k for k in enclosed if (min(k, outer), max(k, outer)) not in overlapping]
         if free:
-            shell = np.ascontiguousarray(faces[order[starts[outer] : starts[outer + 1]]])
-            turns = igl.winding_number(vertices, shell, np.ascontiguousarray(some_vertex[free]))
-            depth[free] += np.abs(turns) > 0.5
+            shell = faces[order[starts[outer] : starts[outer + 1]]]
+            depth[free] += np.abs(WindingNumber(vertices, shell)(some_vertex[free])) > 0.5
     return depth
 
 

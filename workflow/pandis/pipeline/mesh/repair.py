@@ -91,7 +91,7 @@ def repair(vertices: Vertices, faces: Faces, options, *, seed, log=print):
     origin = np.zeros(len(ladder.faces), np.uint8), np.zeros(len(ladder.faces), np.float32)
     if ladder.source:
         result = Surface(ladder.vertices, ladder.faces)
-        origin = provenance(ladder.source, result, ladder.reference)
+        origin = provenance(ladder.source, result, ladder.reference, cell=solid and solid.cell)
     arrays = {
         "vertices": ladder.vertices,
         "faces": ladder.faces.astype(np.int32),

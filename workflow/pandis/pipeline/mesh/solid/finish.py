@@ -41,11 +41,14 @@ class Solid(NamedTuple):
     ----------
     vertices : ndarray, shape (V, 3), float64, mesh units
     faces : ndarray, shape (F, 3), int64
+    crossings : ndarray, shape (m, 2)
+        Pairs of faces that cross: none, unless all attempts to avoid them have failed.
     facts : pandis.pipeline.run.records.mesh.SolidFacts
     """
 
     vertices: np.ndarray
     faces: np.ndarray
+    crossings: np.ndarray
     facts: SolidFacts
 
 
@@ -85,10 +88,10 @@ def finish(boundary, source, rules, *, parts, rooms, caps):
             faces=boundary.faces[~small[boundary.part[boundary.faces[:, 0]]]]
         )
     places = _sound(boundary, _placed(boundary, source, rules.thickness))
-    vertices, faces = _without_crossings(
+    mesh = _without_crossings(
         boundary, places, frame, tolerance=rules.tolerance, volume=parts.volume
     )
-    return Solid(vertices, faces, facts)
+    return Solid(*mesh, facts)
 
 
 def _components(boundary, parts, scale, *, small, buried):
@@ -190,7 +193,7 @@ def _sound(boundary, target):
 
 
 def _without_crossings(boundary, places, frame, *, tolerance, volume):
-    """Return vertices (mesh units) and faces without self-intersections, simplified.
+    """Return vertices (mesh units) and faces without self-intersections, simplified; and crossings.
 
     Where simplified faces cross, the vertices around them are locked, and it starts again. What
     still crosses in exact arithmetic goes back to the lattice.
@@ -207,7 +210,7 @@ def _without_crossings(boundary, places, frame, *, tolerance, volume):
         bad = np.concatenate([pairs.reshape(-1), np.flatnonzero(flat), np.flatnonzero(turned)])
         bad = faces[bad].reshape(-1)
         if not len(bad):
-            return compact(vertices, faces)
+            return *compact(vertices, faces), pairs
         near = _near(places, bad)
         if attempt >= _ATTEMPTS // 3:
             near = _near(places, near)
@@ -215,7 +218,8 @@ def _without_crossings(boundary, places, frame, *, tolerance, volume):
         places[back] = boundary.places[back]
         vertices[back] = frame.to_mesh(places[back])
         locked |= near
-    return compact(frame.to_mesh(boundary.places), boundary.faces.astype(np.int64))
+    mesh = compact(frame.to_mesh(boundary.places), boundary.faces.astype(np.int64))
+    return *mesh, crossing_faces(*mesh)
 
 
 def _turned(part, places, faces, *, volume):
