@@ -1,5 +1,6 @@
 """Operations in processes of their own: what ends one becomes an error here, with its reason."""
 
+import mmap
 import os
 import signal
 import subprocess
@@ -9,7 +10,8 @@ import numpy as np
 import pytest
 import trimesh
 
-from pandis.pipeline.mesh import tools
+from pandis.pipeline.mesh import processes, tools
+from pandis.pipeline.mesh.cleanup import clean
 from pandis.pipeline.mesh.processes import (
     CpuTime,
     CpuTimeError,
@@ -63,6 +65,45 @@ def test_what_a_function_says_ends_in_its_error():
         forked(lambda: np.ones(1 << 30), LIMITS)
 
 
+def test_a_copy_never_goes_on_as_a_second_worker(monkeypatch):
+    """Its own report may fail, as on a full disk: nothing may return into the caller's code."""
+    pid, name = os.getpid(), processes.__name__
+    monkeypatch.setattr(f"{name}.traceback.print_exc", lambda: 1 / 0)
+    with pytest.raises(ToolError):
+        forked(lambda: 1 / 0, LIMITS)
+    assert os.getpid() == pid
+    with pytest.raises(ToolError, match="caf"):
+        forked(lambda: sys.exit("caf\udce9"), LIMITS)
+
+
+def test_a_copy_may_use_what_is_lent_to_it_whatever_the_worker_has():
+    room = mmap.mmap(-1, 8 << 30, flags=mmap.MAP_PRIVATE | mmap.MAP_ANONYMOUS)
+    forked(lambda: np.ones(1 << 24), Limits(60, 0.5))
+    with pytest.raises(LimitError, match=r"needs more than 0\.5 GiB"):
+        forked(lambda: np.ones(1 << 27), Limits(60, 0.5))
+    room.close()
+
+
+def test_a_copy_ends_with_its_worker_and_holds_none_of_its_pipes():
+    """Else the end of a worker shows only when a copy ends, which nothing limits any more."""
+    program = (
+        "import os, signal\n"
+        "from pandis.pipeline.mesh.processes import Limits, forked\n"
+        "worker = os.getpid()\n"
+        "forked(lambda: [os.kill(worker, signal.SIGKILL), signal.pause()], Limits(60, 3))\n"
+    )
+    reading, writing = os.pipe()
+    with os.fdopen(reading) as answers:
+        killed = subprocess.run([sys.executable, "-c", program], pass_fds=[writing], check=False)
+        os.close(writing)
+        assert killed.returncode == -signal.SIGKILL
+        assert answers.read() == ""  # at once: no copy has the other end
+
+
+def test_no_limit_is_too_large_for_a_timer():
+    forked(lambda: processes.Clock(1e12), Limits(1e12, 3))
+
+
 def test_a_function_that_hangs_is_ended(capfd):
     with pytest.raises(LimitError, match=r"took longer than 0\.2 s"):
         forked(forever, Limits(0.2, 3))
@@ -92,3 +133,10 @@ def test_a_limit_on_memory_is_that_of_the_operation():
         "tools.call('clean', corners, np.arange(3).reshape(1, 3), seconds=60, memory_gb=1)\n"
     )
     subprocess.run([sys.executable, "-c", program], check=True)
+
+
+def test_a_mesh_of_which_nothing_is_left_is_no_defect():
+    line = np.array([[0, 0, 0], [1, 0, 0], [2, 0, 0.0]])
+    for faces in ([[0, 0, 1], [1, 1, 2]], [[0, 1, 2], [0, 2, 1]]):
+        _, left = clean(line, np.array(faces))
+        assert len(left) in (0, 2)

@@ -91,6 +91,7 @@ def main():
     with suppress(OSError, AttributeError):
         ctypes.CDLL(None).prctl(1, signal.SIGKILL)  # Linux: PR_SET_PDEATHSIG
     signal.signal(signal.SIGINT, signal.SIG_IGN)
+    signal.signal(signal.SIGCHLD, signal.SIG_DFL)  # copies of this process are waited for
     hard = resource.getrlimit(resource.RLIMIT_AS)[1]
     resource.setrlimit(resource.RLIMIT_AS, (int(sys.argv[1]), hard))  # tools set their own limits
     resource.setrlimit(resource.RLIMIT_CORE, (0, 0))

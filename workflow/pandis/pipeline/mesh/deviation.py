@@ -7,7 +7,7 @@ not measured.
 Two kinds of surface are not counted, because repair is meant to change them. *Hidden*
 parts of the source have its solid on both sides (walls inside a union). *Caps* are the
 parts of the result where the source has no surface and its winding number is clearly
-between 0 and 1.
+between 0 and 1; of a solid, those farther than a cell from the source.
 """
 
 import igl

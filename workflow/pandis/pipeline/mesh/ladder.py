@@ -22,6 +22,8 @@ from pandis.pipeline.run.ask.options import MeshOptions
 
 #: Rungs that keep the source's surface; only these are tried if a solid is made otherwise.
 EXACT = ("clean", "union", "fill")
+#: Operations that take no part in the budget of CPU time: they change no surface.
+_ALWAYS = ("clean", "orient", "split")
 #: Largest volume that a rung may add or remove, as a share of the inside.
 INSIDE_CHANGED = 0.02
 
@@ -59,7 +61,7 @@ class Ladder:
     deviation : dict or None
         Deviation of the current mesh; None if it was not measured.
     cpu : pandis.pipeline.mesh.processes.CpuTime or None
-        What exact rungs may still use before a solid is made; None if none is made.
+        What `union` and `fill` may still use before a solid is made; None if none is made.
     """
 
     vertices: np.ndarray
@@ -106,13 +108,14 @@ class Ladder:
         bool
             Whether the result was kept.
         """
+        cpu = None if operation in _ALWAYS else self.cpu
         limits = {
             "seconds": self.options.rung_seconds,
             "memory_gb": self.options.rung_memory_gb,
-            "cpu": self.cpu,
+            "cpu": cpu,
         }
         entry = {"rung": rung, "operation": operation, "parameters": parameters}
-        if self.cpu is not None and self.cpu.left <= 0:
+        if cpu is not None and cpu.left <= 0:
             self.note(entry, "no time is left (mesh.solid_after)")
             return False
         try:

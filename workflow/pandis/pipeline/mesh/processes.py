@@ -4,6 +4,7 @@ A crafted file can take hours to read, and some tools crash or hang: what happen
 becomes a `ToolError` here.
 """
 
+import ctypes
 import os
 import resource
 import select
@@ -13,8 +14,24 @@ import sys
 import tempfile
 import time
 import traceback
+from contextlib import ExitStack, suppress
 from dataclasses import dataclass
+from itertools import pairwise
+from pathlib import Path
 from typing import NamedTuple
+
+#: Longest time that timers take, s.
+_LONGEST = 1e6
+#: File descriptors below this number are closed in a copy.
+_DESCRIPTORS = 4096
+#: What libraries say when memory is short.
+_SHORT_OF_MEMORY = (
+    "MemoryError",
+    "bad_alloc",
+    "std::length",
+    "Cannot allocate memory",
+    "failed to map segment",
+)
 
 
 class ToolError(Exception):
@@ -55,7 +72,7 @@ class Clock:
         self._start = time.process_time()
         if lent is not None:
             signal.signal(signal.SIGPROF, signal.SIG_DFL)
-            signal.setitimer(signal.ITIMER_PROF, max(lent, 1e-3))
+            signal.setitimer(signal.ITIMER_PROF, min(max(lent, 1e-3), _LONGEST))
 
     def spent(self):
         """Return the CPU time (s) since the start."""
@@ -89,22 +106,29 @@ def spawned(command, environment, limits):
 def forked(function, limits):
     """Run a function in a copy of this process; raise what became of it if it fails.
 
-    It starts at once, with everything imported. Only for processes whose other threads are idle.
+    It starts at once, with everything imported, and may use `limits.memory_gb` beyond that. Only
+    for workers: their other threads must be idle, and they must not ignore SIGCHLD.
 
     Raises
     ------
     LimitError, CpuTimeError, MissingError, ToolError
     """
-    end, theirs = os.pipe()
-    with tempfile.TemporaryFile() as errors:
-        child = os.fork()
+    with tempfile.TemporaryFile() as errors, ExitStack() as ends:
+        end, theirs = os.pipe()
+        ends.callback(os.close, end)
+        try:
+            child = os.fork()
+        except OSError:
+            os.close(theirs)
+            raise
         if not child:
-            os._exit(_in_child(function, limits, errors))
-        os.close(theirs)  # the other end is closed when the child ends
-        in_time = select.select([end], [], [], limits.seconds)[0]
-        os.close(end)
-        if not in_time:
-            os.kill(child, signal.SIGKILL)
+            status = 1
+            try:  # whatever happens, the copy must not go on as a second worker
+                status = _in_child(function, limits, errors=errors, pipe=theirs)
+            finally:
+                os._exit(status)
+        os.close(theirs)
+        in_time = _ends_within(end, limits.seconds, child)
         status = os.waitstatus_to_exitcode(os.waitpid(child, 0)[1])
         if not in_time:
             raise LimitError(f"took longer than {limits.seconds:g} s")
@@ -112,13 +136,35 @@ def forked(function, limits):
         _explain(status, errors.read().decode(errors="replace"), limits)
 
 
-def _in_child(function, limits, errors):
-    """Call a function with its output in a file; return an exit status."""
+def _ends_within(pipe, seconds, child):
+    """Wait until a child closes its end of a pipe, or kill it; return whether it was in time."""
+    in_time = False
     try:
-        for stream in (1, 2):
-            os.dup2(errors.fileno(), stream)
-        sys.stdout = sys.stderr = os.fdopen(2, "w", closefd=False)
-        restrict(limits.memory_gb)
+        ready = select.poll()
+        ready.register(pipe, select.POLLIN)
+        in_time = bool(ready.poll(1000 * min(seconds, _LONGEST)))
+    finally:
+        if not in_time:
+            os.kill(child, signal.SIGKILL)
+    return in_time
+
+
+def _in_child(function, limits, *, errors, pipe):
+    """Call a function, its errors in a file; return an exit status."""
+    parent = os.getppid()
+    with suppress(OSError, AttributeError):
+        ctypes.CDLL(None).prctl(1, signal.SIGKILL)  # Linux: PR_SET_PDEATHSIG
+    if os.getppid() != parent:
+        return 1
+    nothing = os.open(os.devnull, os.O_RDWR)
+    for stream, target in enumerate((nothing, nothing, errors.fileno())):
+        os.dup2(target, stream)
+    # a pipe of the parent that stays open here hides the parent's end
+    for low, high in pairwise(sorted({2, errors.fileno(), pipe, _DESCRIPTORS})):
+        os.closerange(low + 1, high)
+    sys.stdout = sys.stderr = os.fdopen(2, "w", errors="backslashreplace", closefd=False)
+    try:
+        restrict(limits.memory_gb, _address_space())
         function()
     except SystemExit as end:
         if isinstance(end.code, str):
@@ -131,9 +177,18 @@ def _in_child(function, limits, errors):
     return 0
 
 
-def restrict(memory_gb):
-    """Limit the memory of this process (GiB)."""
-    memory = int(memory_gb * 2**30)
+def _address_space():
+    """Return the size of this process's address space in bytes; 0 if the system does not say."""
+    try:
+        pages = int(Path("/proc/self/statm").read_text().split()[0])
+    except (OSError, ValueError, IndexError):
+        return 0
+    return pages * resource.getpagesize()
+
+
+def restrict(memory_gb, base=0):
+    """Limit the address space of this process to so many GiB beyond ``base`` bytes."""
+    memory = base + int(memory_gb * 2**30)
     hard = resource.getrlimit(resource.RLIMIT_AS)[1]
     if hard != resource.RLIM_INFINITY:
         memory = min(memory, hard)
@@ -145,7 +200,7 @@ def _explain(status, errors, limits):
     """Raise what an exit status and the standard error mean."""
     if not status:
         return
-    if any(word in errors for word in ("MemoryError", "bad_alloc", "std::length")):
+    if any(word in errors for word in _SHORT_OF_MEMORY):
         raise LimitError(f"needs more than {limits.memory_gb:g} GiB of memory")
     if limits.cpu is not None and status == -signal.SIGPROF:
         lent, limits.cpu.left = limits.cpu.left, 0.0

@@ -1,9 +1,10 @@
 """Operations that run in child processes: readers, repair rungs and tools under other licences.
 
-Each call runs ``python -m pandis.pipeline.mesh.tools`` with limits on time and memory. There are
-three reasons: a crafted file can take hours to read, some tools crash or hang, and PyMeshLab, the
-exact union and MeshFix are licensed under the GPL or AGPL. Arrays are passed as ``.npz`` in
-float64, never in a mesh format.
+Each call runs ``python -m pandis.pipeline.mesh.tools`` with limits on time and memory; in a worker
+of a data set, a copy of the worker. There are three reasons: a crafted file can take hours to read,
+some tools crash or hang, and PyMeshLab, the exact union and MeshFix are licensed under the GPL or
+AGPL: no other process of ours imports them. Arrays come back as ``.npz`` in float64, never in a
+mesh format.
 """
 
 import json
@@ -31,7 +32,7 @@ from pandis.pipeline.mesh.processes import (
 
 #: Operations that can run in a process which is isolated itself: our own code, quick and harmless.
 _QUICK = {"read_file", "clean", "orient", "split"}
-#: Modules of the operations to which CPU time is lent. Importing them does not count.
+#: Modules of the operations to which CPU time is lent.
 _LENT = ("cleanup", "holes")
 _SETTINGS = {"isolated": True}
 
@@ -57,7 +58,7 @@ def call(operation, vertices=None, faces=None, *, seconds, memory_gb, cpu=None, 
     seconds, memory_gb : float
         Limits on time (s) and memory (GiB).
     cpu : pandis.pipeline.mesh.processes.CpuTime, optional
-        CPU time that is lent to the operation; what it uses is taken off.
+        CPU time that is lent to the operation; what it uses is taken off if it succeeds.
     **parameters
         Further arguments of the operation: numbers and strings.
 
@@ -120,6 +121,7 @@ def _run(operation, mesh, parameters, *, limits):
     with tempfile.TemporaryDirectory() as folder:
         source, output = Path(folder) / "given.npz", Path(folder) / "result.npz"
         if not _SETTINGS["isolated"]:
+            _import_lent(lent)
             operate = partial(OPERATIONS[operation], *mesh, **parameters)
             forked(partial(_save, operate, output, lent), limits)
         else:
@@ -337,14 +339,18 @@ def main(arguments):
     operation, parameters, terms, source, output = arguments
     memory_gb, lent = json.loads(terms)
     restrict(memory_gb)
-    if lent is not None:
-        for module in _LENT:
-            import_module(f"{__package__}.{module}")
+    _import_lent(lent)
     operate = partial(OPERATIONS[operation], **json.loads(parameters))
     if Path(source).is_file():
         with np.load(source) as data:
             operate = partial(operate, data["vertices"], data["faces"])
     _save(operate, output, lent)
+
+
+def _import_lent(lent):
+    """Import what operations with a limit on CPU time need: that does not count."""
+    for module in _LENT if lent is not None else ():
+        import_module(f"{__package__}.{module}")
 
 
 def _save(operate, output, lent):

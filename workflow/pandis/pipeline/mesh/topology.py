@@ -11,8 +11,9 @@ import numpy as np
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
-#: Meshes whose connectivity is remembered: stages of a repair ask for that of the same faces often.
-_REMEMBERED = 3
+#: Meshes whose connectivity is remembered, since stages of a repair ask for that of the same faces
+#: often; and the most faces of such a mesh, for which that takes 170 MB.
+_REMEMBERED, _MOST = 3, 300_000
 
 
 def _remembered(function):
@@ -22,10 +23,11 @@ def _remembered(function):
     @wraps(function)
     def remembering(faces):
         for known, result in tuple(results):
-            if np.array_equal(known, faces):
+            if known.dtype == faces.dtype and np.array_equal(known, faces):
                 return result
         result = function(faces)
-        results[:] = [(np.array(faces), result), *results[: _REMEMBERED - 1]]
+        if len(faces) <= _MOST:
+            results[:] = [(np.array(faces), result), *results[: _REMEMBERED - 1]]
         return result
 
     return remembering
@@ -49,13 +51,16 @@ class EdgeTable:
     def __init__(self, faces):
         self.directed = faces[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2)
         low, high = self.directed.min(axis=1), self.directed.max(axis=1)
-        span = self._span = int(faces.max()) + 1
+        span = self._span = int(faces.max(initial=0)) + 1
         self._key, self.edge_of, self.uses = np.unique(
             low.astype(np.int64) * span + high, return_inverse=True, return_counts=True
         )
         self.edges = np.stack([self._key // span, self._key % span], axis=1)
         self.runs_forward = self.directed[:, 0] == low
         self.forward = np.bincount(self.edge_of[self.runs_forward], minlength=len(self._key))
+        for array in vars(self).values():
+            if isinstance(array, np.ndarray):
+                array.flags.writeable = False  # they are handed out again
 
     @property
     def count(self):
@@ -176,7 +181,7 @@ def triples(faces):
 
 def count_distinct(faces):
     """Return the number of distinct vertex triples, regardless of their order."""
-    return 1 + int(np.count_nonzero(np.diff(np.sort(triples(faces)))))
+    return len(faces) and 1 + int(np.count_nonzero(np.diff(np.sort(triples(faces)))))
 
 
 def fans(faces, edges, also=None):

@@ -99,7 +99,7 @@ class MeshOptions(Options):
     solid_after: float = Field(
         2.0,
         ge=0,
-        description="time that `clean`, `union` and `fill` may use before a solid is made, CPU s; "
+        description="time that `union` and `fill` may use before a solid is made, CPU s; "
         "only with `solid: always`",
     )
     rung_seconds: Positive = Field(240.0, description="time limit of each rung, s")

@@ -219,8 +219,9 @@ class ArtifactWriter:
 
 
 def _in_order(key):
-    """Return a sort key that puts chunk 2 before chunk 10."""
-    return [(part.isdigit(), int(part) if part.isdigit() else part) for part in key.split("/")]
+    """Return a sort key: chunks by their first index, and all else by name."""
+    first = key.partition("/c/")[2].partition("/")[0]
+    return int(first) if first.isdecimal() else 0, key
 
 
 class _Growing:
