@@ -174,6 +174,7 @@ def _benchmarks():
         },
         "size": {
             "small": tables.small_table(),
+            "hashgrid": tables.hashgrid_table(),
             "front": tables.front_table(),
         },
         "query-time": {

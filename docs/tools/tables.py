@@ -241,6 +241,24 @@ def small_table():
     return _noted(table, notes)
 
 
+def hashgrid_table():
+    """Return the table of hash grids beside everything else of their size."""
+    notes, rows = read_figures("hashgrid")
+    kinds = tuple(dict.fromkeys(row["kind"] for row in rows))
+    table = [
+        _row(["mesh", "at most (KB)", *(kind if " " in kind else f"`{kind}`" for kind in kinds)]),
+        "|---|" + "--:|" * (1 + len(kinds)),
+    ]
+    by_case = {(row["mesh"], row["budget"], row["kind"]): row for row in rows}
+    for mesh, budget in dict.fromkeys((row["mesh"], row["budget"]) for row in rows):
+        cells = [mesh, f"{int(budget) / 1000:,.0f}"]
+        for row in (by_case[mesh, budget, kind] for kind in kinds):
+            errors = " / ".join(f"{1e3 * float(row[name]):.2f}" for name in ("contact", "deep"))
+            cells += [f"{errors}, {_percent(row['missing'])}, {float(row['one_us']):.2f} µs"]
+        table.append(_row(cells))
+    return _noted(table, notes)
+
+
 def _thousandths(value):
     return f"{1e3 * float(value):.3g}" if value else "–"
 

@@ -1,4 +1,4 @@
-"""Hash grids beside compact meshes, splines and networks of the same bytes; docs/figures/hash.csv.
+"""Hash grids beside compact meshes, splines and networks of their size; docs/figures/hashgrid.csv.
 
 Usage: PANDIS_MESHES=FOLDER .venv/bin/python tests/benchmarks/hashgrid.py prepare MODELS
        .venv/bin/python tests/benchmarks/hashgrid.py train MODELS [grids|networks]
@@ -292,7 +292,7 @@ def measure(folder):
                 told = points.measure(force).figures
                 rows.append(row | {"contact": told["mean"], "missing": told["missing"]})
                 print(rows[-1], file=sys.stderr, flush=True)
-    write("hash", COLUMNS, rows)
+    write("hashgrid", COLUMNS, rows)
 
 
 def _microseconds(field, points):
