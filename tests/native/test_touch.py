@@ -7,6 +7,7 @@ import pytest
 
 from pandis.pipeline.judge.servo import touch
 from pandis.runtime.contact import Feel, Material
+from pandis.runtime.device import DONE
 from pandis.runtime.field import NativeField
 from verdicts import PRESSED, SOUND, changed, validated
 
@@ -42,14 +43,17 @@ def test_the_simulated_device_is_led_into_the_object(exported):
 
 def test_with_a_proxy_the_force_points_back_to_where_the_probe_came_from(exported, files, capsys):
     material = Material(0.3, 0.3, 0.0, 0.0)
-    held = touch.touch_simulated(
-        NativeField(exported),
-        "touch",
-        0.1,
-        stiffness=400.0,
-        seconds=1.5,
-        feel=Feel(materials=(material,)),
-    )
+    for _ in range(5):  # in real time: other programs may hold ticks up, and the run ends early
+        held = touch.touch_simulated(
+            NativeField(exported),
+            "touch",
+            0.1,
+            stiffness=400.0,
+            seconds=1.5,
+            feel=Feel(materials=(material,)),
+        )
+        if held.cause == DONE:
+            break
     assert np.linalg.norm(held.proxy, axis=1).min() > 0.05 - 1e-6
     # the hand is stronger than the device: it comes through, and the force still points back
     assert held.position[:, 1].min() < 0

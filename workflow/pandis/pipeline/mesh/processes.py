@@ -16,13 +16,12 @@ import time
 import traceback
 from contextlib import ExitStack, suppress
 from dataclasses import dataclass
-from itertools import pairwise
 from pathlib import Path
 from typing import NamedTuple
 
 #: Longest time that timers take, s.
 _LONGEST = 1e6
-#: File descriptors below this number are closed in a copy.
+#: Where the system does not list open files, those below this number are closed in a copy.
 _DESCRIPTORS = 4096
 #: What libraries say when memory is short.
 _SHORT_OF_MEMORY = (
@@ -74,8 +73,9 @@ class Clock:
             signal.signal(signal.SIGPROF, signal.SIG_DFL)
             signal.setitimer(signal.ITIMER_PROF, min(max(lent, 1e-3), _LONGEST))
 
-    def spent(self):
-        """Return the CPU time (s) since the start."""
+    def stop(self):
+        """Limit nothing from here on; return the CPU time (s) since the start."""
+        signal.setitimer(signal.ITIMER_PROF, 0)
         return time.process_time() - self._start
 
 
@@ -92,7 +92,7 @@ def spawned(command, environment, limits):
         done = subprocess.run(
             command,
             env=environment,
-            timeout=limits.seconds,
+            timeout=min(limits.seconds, _LONGEST),
             capture_output=True,
             text=True,
             errors="replace",
@@ -114,17 +114,17 @@ def forked(function, limits):
     LimitError, CpuTimeError, MissingError, ToolError
     """
     with tempfile.TemporaryFile() as errors, ExitStack() as ends:
-        end, theirs = os.pipe()
+        worker, (end, theirs) = os.getpid(), os.pipe()
         ends.callback(os.close, end)
         try:
             child = os.fork()
-        except OSError:
+        except BaseException:
             os.close(theirs)
             raise
         if not child:
             status = 1
             try:  # whatever happens, the copy must not go on as a second worker
-                status = _in_child(function, limits, errors=errors, pipe=theirs)
+                status = _in_child(function, limits, worker, keep=(errors.fileno(), theirs))
             finally:
                 os._exit(status)
         os.close(theirs)
@@ -149,22 +149,25 @@ def _ends_within(pipe, seconds, child):
     return in_time
 
 
-def _in_child(function, limits, *, errors, pipe):
-    """Call a function, its errors in a file; return an exit status."""
-    parent = os.getppid()
-    with suppress(OSError, AttributeError):
-        ctypes.CDLL(None).prctl(1, signal.SIGKILL)  # Linux: PR_SET_PDEATHSIG
-    if os.getppid() != parent:
-        return 1
-    nothing = os.open(os.devnull, os.O_RDWR)
-    for stream, target in enumerate((nothing, nothing, errors.fileno())):
-        os.dup2(target, stream)
-    # a pipe of the parent that stays open here hides the parent's end
-    for low, high in pairwise(sorted({2, errors.fileno(), pipe, _DESCRIPTORS})):
-        os.closerange(low + 1, high)
-    sys.stdout = sys.stderr = os.fdopen(2, "w", errors="backslashreplace", closefd=False)
+def _in_child(function, limits, worker, *, keep):
+    """Call a function in a copy of a worker, its errors in a file; return an exit status.
+
+    Of the worker's open files, only those in ``keep`` stay: the file of errors, and the pipe.
+    """
     try:
-        restrict(limits.memory_gb, _address_space())
+        with suppress(OSError, AttributeError):
+            ctypes.CDLL(None).prctl(1, signal.SIGKILL)  # Linux: PR_SET_PDEATHSIG
+        if os.getppid() != worker:
+            return 1
+        signal.alarm(int(min(limits.seconds, _LONGEST)) + 2)  # other systems: the worker may end
+        nothing = os.open(os.devnull, os.O_RDWR)
+        for stream, target in enumerate((nothing, nothing, keep[0])):
+            os.dup2(target, stream)
+        # a pipe of the worker that stays open here hides the worker's end
+        _close_all_but(keep)
+        sys.stdout = sys.stderr = os.fdopen(2, "w", errors="backslashreplace", closefd=False)
+        if (base := _address_space()) is not None:
+            restrict(limits.memory_gb, base)
         function()
     except SystemExit as end:
         if isinstance(end.code, str):
@@ -177,23 +180,43 @@ def _in_child(function, limits, *, errors, pipe):
     return 0
 
 
+def _close_all_but(keep):
+    """Close all files but the standard ones and those to keep."""
+    try:
+        opened = [int(path.name) for path in Path("/proc/self/fd").iterdir()]
+    except OSError:
+        opened = range(_DESCRIPTORS)
+    for descriptor in opened:
+        if descriptor > 2 and descriptor not in keep:
+            with suppress(OSError):
+                os.close(descriptor)
+
+
 def _address_space():
-    """Return the size of this process's address space in bytes; 0 if the system does not say."""
+    """Return the size of this process's address space in bytes; None if the system hides it."""
     try:
         pages = int(Path("/proc/self/statm").read_text().split()[0])
     except (OSError, ValueError, IndexError):
-        return 0
+        return None
     return pages * resource.getpagesize()
 
 
 def restrict(memory_gb, base=0):
-    """Limit the address space of this process to so many GiB beyond ``base`` bytes."""
+    """Limit the address space of this process to so many GiB beyond ``base`` bytes.
+
+    Raises
+    ------
+    MemoryError
+        It is larger already.
+    """
     memory = base + int(memory_gb * 2**30)
     hard = resource.getrlimit(resource.RLIMIT_AS)[1]
     if hard != resource.RLIM_INFINITY:
         memory = min(memory, hard)
     resource.setrlimit(resource.RLIMIT_AS, (memory, memory))
     resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
+    if (size := _address_space()) is not None and size > memory:
+        raise MemoryError
 
 
 def _explain(status, errors, limits):

@@ -12,7 +12,6 @@ import os
 import sys
 import tempfile
 from functools import partial
-from importlib import import_module
 from pathlib import Path
 
 import numpy as np
@@ -32,8 +31,6 @@ from pandis.pipeline.mesh.processes import (
 
 #: Operations that can run in a process which is isolated itself: our own code, quick and harmless.
 _QUICK = {"read_file", "clean", "orient", "split"}
-#: Modules of the operations to which CPU time is lent.
-_LENT = ("cleanup", "holes")
 _SETTINGS = {"isolated": True}
 
 
@@ -349,8 +346,8 @@ def main(arguments):
 
 def _import_lent(lent):
     """Import what operations with a limit on CPU time need: that does not count."""
-    for module in _LENT if lent is not None else ():
-        import_module(f"{__package__}.{module}")
+    if lent is not None:
+        from pandis.pipeline.mesh import cleanup, holes  # noqa: F401
 
 
 def _save(operate, output, lent):
@@ -363,10 +360,11 @@ def _save(operate, output, lent):
     except Exception as error:
         # the parent quotes the last line of stderr
         sys.exit(_in_one_line(error))
+    spent = clock.stop()
     arrays = {
         "vertices": np.asarray(vertices, np.float64).reshape(-1, 3),
         "faces": np.asarray(faces, np.int64).reshape(-1, 3),
-        "seconds": clock.spent(),
+        "seconds": spent,
     }
     if more:
         materials, notes, unit = more

@@ -102,10 +102,10 @@ class MeshOptions(Options):
         description="time that `union` and `fill` may use before a solid is made, CPU s; "
         "only with `solid: always`",
     )
-    rung_seconds: Positive = Field(240.0, description="time limit of each rung, s")
-    rung_memory_gb: Positive = Field(3.0, description="memory limit of each rung, GiB")
-    reader_seconds: Positive = Field(120.0, description="time limit of the reader, s")
-    reader_memory_gb: Positive = Field(3.0, description="memory limit of the reader, GiB")
+    rung_seconds: Positive = Field(240.0, le=1e6, description="time limit of each rung, s")
+    rung_memory_gb: Positive = Field(3.0, le=1e4, description="memory limit of each rung, GiB")
+    reader_seconds: Positive = Field(120.0, le=1e6, description="time limit of the reader, s")
+    reader_memory_gb: Positive = Field(3.0, le=1e4, description="memory limit of the reader, GiB")
 
 
 class SampleOptions(Options):
