@@ -1,4 +1,5 @@
-/* Single queries of a hash grid, for tests/benchmarks/hashgrid.py: distance and direction. */
+/* Single queries of a hash grid, for tests/benchmarks/hashgrid.py: distance and normal.
+ * Tables are read with 32 bits, which is faster than with 16. */
 #define _POSIX_C_SOURCE 199309L
 #include <math.h>
 #include <stdint.h>
@@ -36,15 +37,14 @@ static void look_up(const float *table, const int64_t *level, const float *point
     }
 }
 
-/* A layer of a network, with weights row by row and then the bias; returns what follows it. */
+/* A layer of a network, with weights column by column and then the bias; returns what follows. */
 static const float *layer(
     const float *w, const float *x, int64_t in, float *y, int64_t out, int rectify) {
     const float *bias = w + in * out;
-    for (int64_t o = 0; o < out; o++) {
-        float sum = bias[o];
-        for (int64_t i = 0; i < in; i++) sum += w[o * in + i] * x[i];
-        y[o] = rectify && sum < 0 ? 0 : sum;
-    }
+    memcpy(y, bias, (size_t)out * sizeof *y);
+    for (int64_t i = 0; i < in; i++)
+        for (int64_t o = 0; o < out; o++) y[o] += w[i * out + o] * x[i];
+    for (int64_t o = 0; o < out && rectify; o++) y[o] = y[o] < 0 ? 0 : y[o];
     return bias + out;
 }
 
@@ -53,7 +53,7 @@ void ask(const float *numbers, const int64_t *levels, int64_t count, int64_t wid
     const float *points, int64_t asked, float *answers, double *times) {
     const float *weights = numbers;
     for (int64_t l = 0; l < count; l++) weights += FEATURES * levels[3 * l + 1];
-    for (int64_t i = 0; i < asked; i++) times[i] = INFINITY;
+    for (int64_t i = 0; i < asked; i++) times[i] = 1e9;
     for (int round = 0; round < 7; round++)
         for (int64_t i = 0; i < asked; i++) {
             float x[LEVELS * FEATURES], a[WIDE], b[WIDE];
@@ -62,7 +62,10 @@ void ask(const float *numbers, const int64_t *levels, int64_t count, int64_t wid
                 look_up(numbers, levels + 3 * l, points + 3 * i, x + FEATURES * l);
             const float *w = layer(weights, x, FEATURES * count, a, width, 1);
             w = layer(w, a, width, b, width, 1);
-            layer(w, b, width, answers + 4 * i, 4, 0);
+            float *answer = answers + 4 * i, size = 0;
+            layer(w, b, width, answer, 4, 0);
+            for (int k = 1; k < 4; k++) size += answer[k] * answer[k];
+            for (int k = 1; k < 4; k++) answer[k] /= sqrtf(size);
             times[i] = fmin(times[i], now() - begin);
         }
 }

@@ -55,7 +55,10 @@ class DatasetOptions(Options):
     )
     seconds: Positive = Field(300.0, le=1e6, description="time that one mesh may take")
     memory_gb: Positive = Field(
-        4.0, le=1e6, description="address space that one mesh may take (GiB)"
+        4.0,
+        le=1e6,
+        description="address space that one mesh may take (GiB); `union` and `fill` may take "
+        "`mesh.rung_memory_gb` more",
     )
 
     @field_validator("mesh", mode="before")
