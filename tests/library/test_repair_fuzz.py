@@ -122,9 +122,9 @@ def damaged(seed):
 def check(seed, monkeypatch):
     honest = tools.call
 
-    def call(operation, vertices, faces, *, seconds, memory_gb, **parameters):
+    def call(operation, vertices, faces, *, seconds, memory_gb, cpu=None, **parameters):
         if operation not in OURS:
-            limits = {"seconds": seconds, "memory_gb": memory_gb}
+            limits = {"seconds": seconds, "memory_gb": memory_gb, "cpu": cpu}
             return honest(operation, vertices, faces, **limits, **parameters)
         try:
             return tools.OPERATIONS[operation](vertices, faces, **parameters)
