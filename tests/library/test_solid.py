@@ -485,6 +485,18 @@ def test_exact_repairs_have_a_budget_of_time():
     }
 
 
+def test_the_faces_that_close_a_solid_are_its_caps():
+    """They are the faces over the missing top of a box, and no others."""
+    mesh = quiet(open_box(), solid="always", solid_after=0)
+    assert mesh.rungs == ["solid"]
+    corners = mesh.vertices[mesh.faces]
+    area = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]),
+                          axis=1) / 2  # fmt: skip
+    cap = mesh.origin == mesh.ORIGINS.index("cap of a hole")
+    assert np.abs(corners[cap, :, 2] - 0.5).max() < 2 * mesh.record.solid.cell
+    assert area[cap].sum() == pytest.approx(1, abs=0.05)
+
+
 @pytest.mark.slow
 def test_an_exact_repair_that_takes_too_long_is_stopped():
     ball = trimesh.creation.icosphere(subdivisions=6)

@@ -43,7 +43,7 @@ def test_the_simulated_device_is_led_into_the_object(exported):
 
 def test_with_a_proxy_the_force_points_back_to_where_the_probe_came_from(exported, files, capsys):
     material = Material(0.3, 0.3, 0.0, 0.0)
-    for _ in range(5):  # in real time: other programs may hold ticks up, and the run ends early
+    for _ in range(5):  # in real time: if other programs hold ticks up, the run may end early
         held = touch.touch_simulated(
             NativeField(exported),
             "touch",
@@ -52,7 +52,7 @@ def test_with_a_proxy_the_force_points_back_to_where_the_probe_came_from(exporte
             seconds=1.5,
             feel=Feel(materials=(material,)),
         )
-        if held.cause == DONE:
+        if held.cause == DONE or held.since[1:].max() < 2e-3:  # a failure on time counts
             break
     assert np.linalg.norm(held.proxy, axis=1).min() > 0.05 - 1e-6
     # the hand is stronger than the device: it comes through, and the force still points back

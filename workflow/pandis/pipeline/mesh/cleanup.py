@@ -16,11 +16,11 @@ from pandis.pipeline.mesh.topology import (
     connected,
     count_distinct,
     edges_of,
+    face_keys,
     fans,
     repeats_a_vertex,
     rotate_to_smallest,
     same_place,
-    triples,
     used_vertices,
 )
 
@@ -71,7 +71,7 @@ def resolve_duplicates(vertices, faces):
     """
     if count_distinct(faces) == len(faces):
         return faces
-    _, index = np.unique(triples(faces), return_inverse=True)
+    _, index = np.unique(face_keys(faces), return_inverse=True)
     # the parity of the vertex order determines a face's orientation
     rolled = rotate_to_smallest(faces)
     side = np.where(rolled[:, 1] < rolled[:, 2], 1, -1)
@@ -91,7 +91,7 @@ def resolve_duplicates(vertices, faces):
 
 def _once(faces):
     """Return the faces without copies, or unchanged if removing copies would open the mesh."""
-    _, first = np.unique(triples(faces), return_index=True)
+    _, first = np.unique(face_keys(faces), return_index=True)
     if len(first) == len(faces):
         return faces
     once = faces[np.sort(first)]

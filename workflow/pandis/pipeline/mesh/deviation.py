@@ -140,8 +140,8 @@ def provenance(source, result, reference, *, cell=None):
     ----------
     source, result, reference : Surface
     cell : float, optional
-        Size of the cells (mesh units) if the result is a solid: what is farther from the source
-        is a cap.
+        Size of the cells (mesh units) if the result is a solid: its faces that are farther than
+        this from the reference are caps.
 
     Returns
     -------

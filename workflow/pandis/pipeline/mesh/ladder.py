@@ -22,8 +22,8 @@ from pandis.pipeline.run.ask.options import MeshOptions
 
 #: Rungs that keep the source's surface; only these are tried if a solid is made otherwise.
 EXACT = ("clean", "union", "fill")
-#: Operations that take no part in the budget of CPU time: they change no surface.
-_ALWAYS = ("clean", "orient", "split")
+#: Lossless operations, to which `mesh.solid_after` does not apply.
+_UNTIMED = ("clean", "orient", "split")
 #: Largest volume that a rung may add or remove, as a share of the inside.
 INSIDE_CHANGED = 0.02
 
@@ -108,7 +108,7 @@ class Ladder:
         bool
             Whether the result was kept.
         """
-        cpu = None if operation in _ALWAYS else self.cpu
+        cpu = None if operation in _UNTIMED else self.cpu
         limits = {
             "seconds": self.options.rung_seconds,
             "memory_gb": self.options.rung_memory_gb,

@@ -1,7 +1,7 @@
 """Runs operations in processes of their own, with limits on time and memory.
 
 A crafted file can take hours to read, and some tools crash or hang: what happens to such a process
-becomes a `ToolError` here.
+is raised as a `ToolError`.
 """
 
 import ctypes
@@ -74,13 +74,13 @@ class Clock:
             signal.setitimer(signal.ITIMER_PROF, min(max(lent, 1e-3), _LONGEST))
 
     def stop(self):
-        """Limit nothing from here on; return the CPU time (s) since the start."""
+        """Stop the timer; return the CPU time (s) since the start."""
         signal.setitimer(signal.ITIMER_PROF, 0)
         return time.process_time() - self._start
 
 
 def spawned(command, environment, limits):
-    """Run a command, which must call `restrict` itself; raise what became of it if it fails.
+    """Run a command, which must call `limit_memory` itself; raise an error if it fails.
 
     A limit set between fork and exec would count the memory of this process, which can be larger.
 
@@ -100,40 +100,40 @@ def spawned(command, environment, limits):
         )
     except subprocess.TimeoutExpired as error:
         raise LimitError(f"took longer than {limits.seconds:g} s") from error
-    _explain(done.returncode, done.stderr, limits)
+    _raise_failure(done.returncode, done.stderr, limits)
 
 
 def forked(function, limits):
-    """Run a function in a copy of this process; raise what became of it if it fails.
+    """Run a function in a copy of this process; raise an error if it fails.
 
-    It starts at once, with everything imported, and may use `limits.memory_gb` beyond that. Only
-    for workers: their other threads must be idle, and they must not ignore SIGCHLD.
+    The copy has everything imported already, and may use `limits.memory_gb` on top of the memory
+    of this process. Other threads of this process must be idle, and SIGCHLD must not be ignored.
 
     Raises
     ------
     LimitError, CpuTimeError, MissingError, ToolError
     """
-    with tempfile.TemporaryFile() as errors, ExitStack() as ends:
-        worker, (end, theirs) = os.getpid(), os.pipe()
-        ends.callback(os.close, end)
+    with tempfile.TemporaryFile() as errors, ExitStack() as files:
+        worker, (reading, writing) = os.getpid(), os.pipe()
+        files.callback(os.close, reading)
         try:
             child = os.fork()
         except BaseException:
-            os.close(theirs)
+            os.close(writing)
             raise
         if not child:
             status = 1
             try:  # whatever happens, the copy must not go on as a second worker
-                status = _in_child(function, limits, worker, keep=(errors.fileno(), theirs))
+                status = _in_child(function, limits, worker, keep=(errors.fileno(), writing))
             finally:
                 os._exit(status)
-        os.close(theirs)
-        in_time = _ends_within(end, limits.seconds, child)
+        os.close(writing)
+        in_time = _ends_within(reading, limits.seconds, child)
         status = os.waitstatus_to_exitcode(os.waitpid(child, 0)[1])
         if not in_time:
             raise LimitError(f"took longer than {limits.seconds:g} s")
         errors.seek(0)
-        _explain(status, errors.read().decode(errors="replace"), limits)
+        _raise_failure(status, errors.read().decode(errors="replace"), limits)
 
 
 def _ends_within(pipe, seconds, child):
@@ -167,7 +167,7 @@ def _in_child(function, limits, worker, *, keep):
         _close_all_but(keep)
         sys.stdout = sys.stderr = os.fdopen(2, "w", errors="backslashreplace", closefd=False)
         if (base := _address_space()) is not None:
-            restrict(limits.memory_gb, base)
+            limit_memory(limits.memory_gb, base)
         function()
     except SystemExit as end:
         if isinstance(end.code, str):
@@ -201,13 +201,13 @@ def _address_space():
     return pages * resource.getpagesize()
 
 
-def restrict(memory_gb, base=0):
-    """Limit the address space of this process to so many GiB beyond ``base`` bytes.
+def limit_memory(memory_gb, base=0):
+    """Limit the address space of this process to ``base`` bytes plus ``memory_gb`` GiB.
 
     Raises
     ------
     MemoryError
-        It is larger already.
+        The address space is already larger.
     """
     memory = base + int(memory_gb * 2**30)
     hard = resource.getrlimit(resource.RLIMIT_AS)[1]
@@ -219,8 +219,8 @@ def restrict(memory_gb, base=0):
         raise MemoryError
 
 
-def _explain(status, errors, limits):
-    """Raise what an exit status and the standard error mean."""
+def _raise_failure(status, errors, limits):
+    """Raise the error that an exit status and the standard error stand for, if any."""
     if not status:
         return
     if any(word in errors for word in _SHORT_OF_MEMORY):

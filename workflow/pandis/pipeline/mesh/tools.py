@@ -25,7 +25,7 @@ from pandis.pipeline.mesh.processes import (
     MissingError,
     ToolError,
     forked,
-    restrict,
+    limit_memory,
     spawned,
 )
 
@@ -118,7 +118,7 @@ def _run(operation, mesh, parameters, *, limits):
     with tempfile.TemporaryDirectory() as folder:
         source, output = Path(folder) / "given.npz", Path(folder) / "result.npz"
         if not _SETTINGS["isolated"]:
-            _import_lent(lent)
+            _import_timed(lent)
             operate = partial(OPERATIONS[operation], *mesh, **parameters)
             forked(partial(_save, operate, output, lent), limits)
         else:
@@ -335,8 +335,8 @@ def main(arguments):
     """Run one operation and store the resulting mesh."""
     operation, parameters, terms, source, output = arguments
     memory_gb, lent = json.loads(terms)
-    restrict(memory_gb)
-    _import_lent(lent)
+    limit_memory(memory_gb)
+    _import_timed(lent)
     operate = partial(OPERATIONS[operation], **json.loads(parameters))
     if Path(source).is_file():
         with np.load(source) as data:
@@ -344,8 +344,8 @@ def main(arguments):
     _save(operate, output, lent)
 
 
-def _import_lent(lent):
-    """Import what operations with a limit on CPU time need: that does not count."""
+def _import_timed(lent):
+    """Import the modules of operations with a limit on CPU time, as imports do not count."""
     if lent is not None:
         from pandis.pipeline.mesh import cleanup, holes  # noqa: F401
 

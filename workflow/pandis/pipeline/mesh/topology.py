@@ -11,9 +11,10 @@ import numpy as np
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
-#: Meshes whose connectivity is remembered, since stages of a repair ask for that of the same faces
-#: often; and the most faces of such a mesh, for which that takes 170 MB.
-_REMEMBERED, _MOST = 3, 300_000
+#: Number of meshes whose connectivity is remembered: stages of a repair often ask for the same one.
+_REMEMBERED = 3
+#: Larger meshes are not remembered. At this size, three take about 170 MB.
+_MOST_FACES = 300_000
 
 
 def _remembered(function):
@@ -26,7 +27,7 @@ def _remembered(function):
             if known.dtype == faces.dtype and np.array_equal(known, faces):
                 return result
         result = function(faces)
-        if len(faces) <= _MOST:
+        if len(faces) <= _MOST_FACES:
             results[:] = [(np.array(faces), result), *results[: _REMEMBERED - 1]]
         return result
 
@@ -172,16 +173,16 @@ def components(faces):
     return label, int(count)
 
 
-def triples(faces):
-    """Return a number (F,) for each face: equal for faces on the same three vertices only."""
+def face_keys(faces):
+    """Return a key (F,) for each face; two keys are equal if the faces have the same vertices."""
     edges = edges_of(faces)
-    of = edges.edge_of.reshape(-1, 3)  # two edges of a face determine its vertices
-    return of.min(axis=1) * edges.count + of.max(axis=1)
+    sides = edges.edge_of.reshape(-1, 3)  # two edges of a face determine its vertices
+    return sides.min(axis=1) * edges.count + sides.max(axis=1)
 
 
 def count_distinct(faces):
     """Return the number of distinct vertex triples, regardless of their order."""
-    return len(faces) and 1 + int(np.count_nonzero(np.diff(np.sort(triples(faces)))))
+    return len(faces) and 1 + int(np.count_nonzero(np.diff(np.sort(face_keys(faces)))))
 
 
 def fans(faces, edges, also=None):

@@ -9,9 +9,9 @@ from pandis.engine.solid import FINENESS
 from pandis.pipeline.mesh.topology import (
     compact,
     edges_of,
+    face_keys,
     repeats_a_vertex,
     rotate_to_smallest,
-    triples,
 )
 
 #: Vertices in one cell of this share of the diagonal become one.
@@ -104,7 +104,7 @@ def _welded(vertices, faces):
     if not len(faces):
         raise PandisError("no face has an area")
     turned = rotate_to_smallest(faces)
-    _, first, index = np.unique(triples(faces), return_index=True, return_inverse=True)
+    _, first, index = np.unique(face_keys(faces), return_index=True, return_inverse=True)
     way = turned[:, 1] < turned[:, 2]
     both = np.zeros((len(first), 2), bool)
     both[index.reshape(-1), way.astype(int)] = True

@@ -173,10 +173,10 @@ class ArtifactWriter:
             return None
         rows = growing.waiting[0] if len(growing.waiting) == 1 else np.concatenate(growing.waiting)
         whole = len(rows) if last else len(rows) // step * step
-        # zarr takes milliseconds a call: small chunks go together, as much as a large one
-        several = max(step, _CHUNK_BYTES // max(1, rows.nbytes // max(1, len(rows))) // step * step)
-        for start in range(0, whole, several):
-            stop = min(start + several, whole)
+        # a call of zarr takes milliseconds, so small chunks are written several at a time
+        batch = max(step, _CHUNK_BYTES // max(1, rows.nbytes // max(1, len(rows))) // step * step)
+        for start in range(0, whole, batch):
+            stop = min(start + batch, whole)
             growing.stored[growing.done + start : growing.done + stop] = rows[start:stop]
             self._drain()
         growing.waiting = [rows[whole:].copy()] if whole < len(rows) else []
