@@ -3,9 +3,10 @@
 Usage: .venv/bin/python tests/benchmarks/native.py
 
 The mesh is the bunny that ships with PyMeshLab, the points are those of the default trajectory, one
-query at a time on one thread. Everything takes turns in one process; figures are medians of all
-queries of five turns. The networks are untrained, of the paper's size (four layers of 256), with
-four outputs and with one and its gradient: what they answer does not matter to the clock.
+query at a time on one thread; networks also answer 10,000 points in one call from Python.
+Everything takes turns in one process; figures are medians of all queries of five turns. The
+networks are untrained, of the paper's size (four layers of 256), with four outputs and with one and
+its gradient: what they answer does not matter to the clock.
 
 Floors, measured beside them by floor.c: what a query reads, at the rate at which as many bytes as
 the field has come through the caches; and the multiplications and additions of a network at the
@@ -13,6 +14,7 @@ rate of a loop that does nothing else.
 """
 
 import ctypes
+import os
 import sys
 import time
 from functools import cache
@@ -46,7 +48,7 @@ from pandis.pipeline.run.job.stage import silent_progress
 from pandis.runtime.field import NativeField
 from pandis.runtime.field.binding import SOURCE, declared
 
-TURNS, QUERIES = 5, 2000
+TURNS, QUERIES, BATCH = 5, 2000, 10_000
 UNIT_AT = UNIT.attributes()
 COLUMNS = ("field", "way", "median_us", "p999_us", "bytes", "of_native")
 
@@ -128,6 +130,14 @@ def one_by_one(answer, points):
     return taken
 
 
+def together(answer, points):
+    """Return the seconds per point of a query of many points."""
+    many = np.resize(points, (BATCH, 3))
+    start = time.perf_counter()
+    answer(many)
+    return np.array([(time.perf_counter() - start) / BATCH])
+
+
 def eager(network):
     """Return what asks a network in PyTorch."""
 
@@ -170,7 +180,11 @@ def ways(vertices, faces):
         if network:
             held, module = kind
             session = Session(network_graph(held).model(name, {})).distance_and_normal
+            asked = NativeField(native_bytes(field, {})).query
+            yield name, "pandis.h, from Python", "", lambda a=asked, p=points: one_by_one(a, p)
             yield name, "ONNX Runtime", "", lambda a=session, p=points: one_by_one(a, p)
+            for way, a in (("pandis.h", asked), ("ONNX Runtime", session)):
+                yield name, f"{way}, {BATCH:,} points", "", lambda a=a, p=points: together(a, p)
             asked = eager(module)
             yield name, "PyTorch, eager", "", lambda a=asked, p=points: one_by_one(a, p)
 
@@ -178,6 +192,7 @@ def ways(vertices, faces):
 def main():
     """Measure, and write the table."""
     torch.set_num_threads(1)
+    os.environ["IGL_NUM_THREADS"] = "1"
     every = list(ways(*bunny()))
     seconds = [[] for _ in every]
     for turn in range(TURNS):

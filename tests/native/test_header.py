@@ -14,10 +14,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import torch
 
 import pandis
 from pandis.base.errors import ArtifactError
 from pandis.base.forces import penalty_force
+from pandis.base.frame import UNIT
 from pandis.pipeline.geometry.body import Body
 from pandis.pipeline.geometry.shapes import SHAPES
 from pandis.pipeline.kinds.exported import ExportedField
@@ -25,7 +27,9 @@ from pandis.pipeline.kinds.field import BOUND, INVALID
 from pandis.pipeline.kinds.native import export_native, native_bytes
 from pandis.pipeline.kinds.network.file import network_bytes
 from pandis.pipeline.kinds.network.reference import SirenField
+from pandis.pipeline.kinds.network.training.network import Siren, named_arrays
 from pandis.pipeline.run.ask.options import NativeOptions
+from pandis.pipeline.run.job.artifact import Artifact
 from pandis.runtime.field import NativeField
 from pandis.runtime.field.files import Parts, pack, read_provenance
 from pandis.runtime.servo import run_ticks
@@ -88,13 +92,29 @@ def test_it_answers_as_the_library_does(name, fields, files):
 
 @pytest.mark.parametrize("name", [*NAMES, "network-16", "gradient-16"])
 def test_many_points_get_the_bits_that_each_gets_alone(name, files):
-    """A network reads its weights once for four points: nothing else may come of that."""
-    native = NativeField(files[name])
+    """A network reads its weights once for eight points: nothing else may come of that."""
+    check_many_points(NativeField(files[name]))
+
+
+@pytest.mark.parametrize(("width", "outputs"), [(40, 4), (500, 1), (1000, 1)])
+def test_points_of_wide_networks_share_passes_as_far_as_memory_goes(width, outputs):
+    """Eight, four, and one at a time."""
+    seed = torch.Generator().manual_seed(0)
+    network = Siren(width, 4, 30.0, outputs=outputs, generator=seed)
+    shape = {"width": width, "depth": 4, "omega": 30.0, "outputs": outputs}
+    arrays = named_arrays(list(network.parameters()))
+    model = Artifact("model", arrays, UNIT.attributes() | {"architecture": shape})
+    for bits in (32, 16):
+        check_many_points(NativeField(native_bytes(SirenField("network", model), {}, bits)))
+
+
+def check_many_points(native):
+    """Check that queries of many points give each point the bits that it gets alone."""
     points = points_for(native, count=60)
     points[[5, 10, 11]] = np.nan
     points[7, 1] = 1e200
     alone = [native.query(point) for point in points]
-    for count in (0, 1, 3, 4, 5, 8, len(points)):
+    for count in (0, 1, 3, 4, 5, 8, 9, 12, 15, len(points)):
         together, lengths = native.query_slopes(points[:count])
         for found in (native.query(points[:count]), together):
             for column, answers in zip(found, zip(*alone, strict=True), strict=True):

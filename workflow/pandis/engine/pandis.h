@@ -858,10 +858,11 @@ PANDIS_API int pandis_poses_step(pandis_poses *poses, pandis_scene *scene, doubl
 
 /* without optimisation, inlining would make clang's stack frames larger */
 #if defined(__GNUC__) && !(defined(__clang__) && !defined(__OPTIMIZE__))
-#define PANDIS__INLINE static inline __attribute__((always_inline))
+#define PANDIS__ALWAYS inline __attribute__((always_inline))
 #else
-#define PANDIS__INLINE static inline
+#define PANDIS__ALWAYS inline
 #endif
+#define PANDIS__INLINE static PANDIS__ALWAYS
 
 /* Not inlined, so that the function keeps a separate stack frame. */
 #if defined(__GNUC__)
@@ -892,6 +893,8 @@ PANDIS_API int pandis_poses_step(pandis_poses *poses, pandis_scene *scene, doubl
 #define PANDIS__EDGE (1 - 1e-12) /* the outermost faces of the box belong to its last cells */
 /* number of lanes of a sum, whatever the machine's vector width */
 #define PANDIS__LANES 16
+/* largest number of points that share a pass over a network's weights */
+#define PANDIS__POINTS 8
 #define PANDIS__ROWS ((PANDIS_MOST_WIDTH + PANDIS__LANES - 1) / PANDIS__LANES * PANDIS__LANES)
 /* capacity of the queue of boxes to visit; if it is full, the farthest are dropped */
 #define PANDIS__HEAP 512
@@ -1024,6 +1027,15 @@ typedef float pandis__floats
 typedef int16_t pandis__shorts
     __attribute__((vector_size(2 * PANDIS__VECTOR), aligned(2), may_alias));
 typedef int32_t pandis__ints __attribute__((vector_size(4 * PANDIS__VECTOR)));
+typedef float pandis__quad __attribute__((vector_size(16)));
+typedef int32_t pandis__quad_ints __attribute__((vector_size(16)));
+/* four of the eight lanes of two vectors */
+#ifdef __clang__
+#define PANDIS__PICK(a, b, i, j, k, l) __builtin_shufflevector(a, b, i, j, k, l)
+#else
+#define PANDIS__PICK(a, b, i, j, k, l)                                                             \
+    __builtin_shuffle(a, b, __extension__(pandis__quad_ints){i, j, k, l})
+#endif
 /* macros, because the ABI determines how a function returns a vector */
 #define pandis__load(p) (*(const pandis__floats *)(p))
 #define pandis__load16(p) __builtin_convertvector(*(const pandis__shorts *)(p), pandis__vector)
@@ -1102,6 +1114,38 @@ PANDIS__INLINE void pandis__sine_cosine(float x, float *sine, float *cosine) {
     *cosine = ((quarter + 1) & 2 ? -b : b) + none;
 }
 
+/* Add biases to a layer's sums in all lanes, and replace them by their sines; also compute the
+ * cosines. With vector types, this is the function above with the same bits: few compilers would
+ * use vectors for it without -O3. */
+PANDIS__INLINE void pandis__sines(float *z, const float *bias, float *cosines) {
+#if PANDIS__VECTOR > 1
+    const float whole = 12582912.0f;
+    for (int at = 0; at < PANDIS__LANES; at += PANDIS__VECTOR) {
+        pandis__vector x = pandis__load(z + at) + pandis__load(bias + at), none = x - x;
+        pandis__ints small = (x >= -1e4f) & (x <= 1e4f);
+        x = (pandis__vector)((pandis__ints)x & small);
+        /* the last bits of this sum are those of the whole number k */
+        pandis__vector sum = x * 0.636619772367581343f + whole, k = sum - whole;
+        pandis__vector r = ((x - k * PANDIS__PART1) - k * PANDIS__PART2) - k * PANDIS__PART3,
+                       q = r * r;
+        pandis__vector s =
+            ((-1.9515295891e-4f * q + 8.3321608736e-3f) * q - 1.6666654611e-1f) * q * r + r;
+        pandis__vector c =
+            ((2.443315711809948e-5f * q - 1.388731625493765e-3f) * q + 4.166664568298827e-2f) * q *
+                q -
+            0.5f * q + 1.0f;
+        pandis__ints quarter = (pandis__ints)sum, odd = -(quarter & 1), change;
+        change = ((pandis__ints)s ^ (pandis__ints)c) & odd; /* exchanges sine and cosine */
+        pandis__ints a = (pandis__ints)s ^ change, b = (pandis__ints)c ^ change;
+        a ^= (quarter & 2) << 30, b ^= ((quarter + 1) & 2) << 30; /* signs */
+        s = (pandis__vector)a + none, c = (pandis__vector)b + none;
+        memcpy(z + at, &s, sizeof s), memcpy(cosines + at, &c, sizeof c);
+    }
+#else
+    for (int k = 0; k < PANDIS__LANES; k++) pandis__sine_cosine(z[k] + bias[k], z + k, cosines + k);
+#endif
+}
+
 /* Check the arithmetic that this code relies on: sums are rounded in the order in which they are
  * written, and NaN stays NaN. Some options of -ffast-math break this and define no macro. */
 PANDIS__ONCE static int pandis__arithmetic(void) {
@@ -1111,11 +1155,11 @@ PANDIS__ONCE static int pandis__arithmetic(void) {
     volatile uint32_t none = 0x7fc00000u; /* NaN, made without a division, which might trap */
     uint32_t bits = none;
     volatile double large = 9007199254740992.0, one = 1;
-    float x[16], sine[16], cosine[16];
+    float sine[PANDIS__LANES], cosine[PANDIS__LANES], bias[PANDIS__LANES] = {0};
     int good = 1;
-    for (int k = 0; k < 16; k++) x[k] = read[k & 1];
-    memcpy(x + 15, &bits, sizeof bits);
-    for (int k = 0; k < 16; k++) pandis__sine_cosine(x[k], sine + k, cosine + k);
+    for (int k = 0; k < PANDIS__LANES; k++) sine[k] = read[k & 1];
+    memcpy(sine + 15, &bits, sizeof bits);
+    pandis__sines(sine, bias, cosine);
     for (int k = 0; k < 15; k++) {
         good &= fabsf(sine[k] - wanted[2 * (k & 1)]) < 1e-6f;
         good &= fabsf(cosine[k] - wanted[2 * (k & 1) + 1]) < 1e-6f;
@@ -2480,48 +2524,54 @@ PANDIS__APART static pandis_flag pandis__answer_compact(const pandis__compact *t
     }
 PANDIS__KINDS(PANDIS__ADD)
 
-/* The same for four points, whose h and out are `stride` apart: sums stay in registers, and each
- * weight is read once for all four. The order of additions is the same as above. */
-#define PANDIS__ADD_FOUR(load, type, tail, how)                                                    \
-    how void pandis__add_four_##tail(                                                              \
-        const type *w, const float *h, int rows, int stride, float *out) {                         \
-        for (int j = 0; j < stride; j += PANDIS__LANES) {                                          \
-            pandis__vector sum[4][PANDIS__PARTS];                                                  \
+/* The same for several points, whose h and out are `stride` apart: sums stay in registers, and each
+ * weight is read once for all points. The order of additions is the same as above. */
+#define PANDIS__ADD_MANY(load, type, tail, how)                                                    \
+    PANDIS__ALWAYS how void pandis__add_many_##tail(                                               \
+        const type *w, const float *h, int rows, int stride, float *out, const int points) {       \
+        for (int j = 0; j < stride; j += PANDIS__VECTOR) {                                         \
+            pandis__vector sum[PANDIS__POINTS];                                                    \
             const type *row = w + j;                                                               \
             int i = 0;                                                                             \
-            for (int p = 0; p < 4; p++)                                                            \
-                for (int k = 0; k < PANDIS__PARTS; k++)                                            \
-                    sum[p][k] =                                                                    \
-                        pandis__load(out + p * (ptrdiff_t)stride + j + k * PANDIS__VECTOR);        \
-            for (; i + 4 <= rows; i += 4, row += 4 * (ptrdiff_t)stride)                            \
-                for (int k = 0; k < PANDIS__PARTS; k++) {                                          \
-                    const type *at = row + k * PANDIS__VECTOR;                                     \
-                    pandis__vector w0 = load(at), w1 = load(at + stride),                          \
-                                   w2 = load(at + 2 * (ptrdiff_t)stride),                          \
-                                   w3 = load(at + 3 * (ptrdiff_t)stride);                          \
-                    for (int p = 0; p < 4; p++) {                                                  \
-                        const float *x = h + p * (ptrdiff_t)stride + i;                            \
-                        sum[p][k] =                                                                \
-                            sum[p][k] + ((x[0] * w0 + x[1] * w1) + (x[2] * w2 + x[3] * w3));       \
-                    }                                                                              \
+            for (int p = 0; p < points; p++)                                                       \
+                sum[p] = pandis__load(out + p * (ptrdiff_t)stride + j);                            \
+            for (; i + 4 <= rows; i += 4, row += 4 * (ptrdiff_t)stride) {                          \
+                pandis__vector w0 = load(row), w1 = load(row + stride),                            \
+                               w2 = load(row + 2 * (ptrdiff_t)stride),                             \
+                               w3 = load(row + 3 * (ptrdiff_t)stride);                             \
+                for (int p = 0; p < points; p++) {                                                 \
+                    const float *x = h + p * (ptrdiff_t)stride + i;                                \
+                    sum[p] = sum[p] + ((x[0] * w0 + x[1] * w1) + (x[2] * w2 + x[3] * w3));         \
                 }                                                                                  \
+            }                                                                                      \
             for (; i < rows; i++, row += stride)                                                   \
-                for (int p = 0; p < 4; p++)                                                        \
-                    for (int k = 0; k < PANDIS__PARTS; k++)                                        \
-                        sum[p][k] = sum[p][k] +                                                    \
-                            h[p * (ptrdiff_t)stride + i] * load(row + k * PANDIS__VECTOR);         \
-            for (int p = 0; p < 4; p++)                                                            \
-                memcpy(out + p * (ptrdiff_t)stride + j, sum[p], sizeof sum[p]);                    \
+                for (int p = 0; p < points; p++)                                                   \
+                    sum[p] = sum[p] + h[p * (ptrdiff_t)stride + i] * load(row);                    \
+            for (int p = 0; p < points; p++)                                                       \
+                memcpy(out + p * (ptrdiff_t)stride + j, sum + p, sizeof sum[p]);                   \
         }                                                                                          \
     }
-PANDIS__KINDS(PANDIS__ADD_FOUR)
+PANDIS__KINDS(PANDIS__ADD_MANY)
 
-/* Sum the lanes of four sums by halves. */
+/* Sum the lanes of four sums by halves: k and k + 8, then k and k + 4, k and k + 2, k and k + 1. */
 PANDIS__INLINE void pandis__fold(float (*lanes)[PANDIS__LANES], float *out) {
-    for (int n = PANDIS__LANES / 2; n; n /= 2)
-        for (int r = 0; r < 4; r++)
+#if PANDIS__VECTOR > 1
+    pandis__quad l[4][4], four[4];
+    memcpy(l, lanes, sizeof l);
+    for (int r = 0; r < 4; r++) four[r] = (l[r][0] + l[r][2]) + (l[r][1] + l[r][3]);
+    pandis__quad two =
+        PANDIS__PICK(four[0], four[1], 0, 1, 4, 5) + PANDIS__PICK(four[0], four[1], 2, 3, 6, 7);
+    pandis__quad other =
+        PANDIS__PICK(four[2], four[3], 0, 1, 4, 5) + PANDIS__PICK(four[2], four[3], 2, 3, 6, 7);
+    two = PANDIS__PICK(two, other, 0, 2, 4, 6) + PANDIS__PICK(two, other, 1, 3, 5, 7);
+    memcpy(out, &two, sizeof two);
+#else
+    for (int r = 0; r < 4; r++) {
+        for (int n = PANDIS__LANES / 2; n; n /= 2)
             for (int k = 0; k < n; k++) lanes[r][k] += lanes[r][k + n];
-    for (int r = 0; r < 4; r++) out[r] = lanes[r][0];
+        out[r] = lanes[r][0];
+    }
+#endif
 }
 
 /* out[i] <- the product of row i and y, each summed in PANDIS__LANES lanes, four rows at once. */
@@ -2551,38 +2601,47 @@ PANDIS__INLINE void pandis__fold(float (*lanes)[PANDIS__LANES], float *out) {
     }
 PANDIS__KINDS(PANDIS__DOT)
 
-/* out[p][i] <- the product of row i and y of point p, for four points `stride` apart. */
-#define PANDIS__DOT_FOUR(load, type, tail, how)                                                    \
-    how void pandis__dots_four_##tail(                                                             \
-        const type *w, const float *y, int rows, int stride, float *out, int apart) {              \
-        for (int i = 0; i < rows; i++, w += stride) {                                              \
-            pandis__vector sum[4][PANDIS__PARTS];                                                  \
-            float lanes[4][PANDIS__LANES], four[4];                                                \
-            memset(sum, 0, sizeof sum);                                                            \
-            for (int j = 0; j < stride; j += PANDIS__LANES)                                        \
-                for (int k = 0; k < PANDIS__PARTS; k++) {                                          \
-                    pandis__vector v = load(w + j + k * PANDIS__VECTOR);                           \
-                    for (int p = 0; p < 4; p++)                                                    \
-                        sum[p][k] +=                                                               \
-                            v * pandis__load(y + p * (ptrdiff_t)stride + j + k * PANDIS__VECTOR);  \
-                }                                                                                  \
-            memcpy(lanes, sum, sizeof lanes);                                                      \
-            pandis__fold(lanes, four);                                                             \
-            for (int p = 0; p < 4; p++) out[p * (ptrdiff_t)apart + i] = four[p];                   \
+/* out[p][i] <- the product of row i and y of point p, for several points `stride` apart. Four
+ * points take two rows at once, because eight sums keep the arithmetic units busy. */
+#define PANDIS__DOT_MANY(load, type, tail, how)                                                    \
+    PANDIS__ALWAYS how void pandis__dots_many_##tail(const type *w, const float *y, int rows,      \
+        int stride, float *out, int apart, const int points) {                                     \
+        for (int i = 0; i < rows; i += PANDIS__POINTS / points) {                                  \
+            float lanes[PANDIS__POINTS][PANDIS__LANES], sums[PANDIS__POINTS];                      \
+            const type *row = w + (ptrdiff_t)i * stride;                                           \
+            ptrdiff_t next = i + 1 < rows ? stride : 0;                                            \
+            for (int k = 0; k < PANDIS__LANES; k += PANDIS__VECTOR) {                              \
+                pandis__vector sum[PANDIS__POINTS];                                                \
+                memset(sum, 0, sizeof sum);                                                        \
+                for (int j = k; j < stride; j += PANDIS__LANES)                                    \
+                    for (int r = 0; r < PANDIS__POINTS; r += points) {                             \
+                        pandis__vector v = load(row + (r ? next : 0) + j);                         \
+                        for (int p = 0; p < points; p++)                                           \
+                            sum[r + p] += v * pandis__load(y + p * (ptrdiff_t)stride + j);         \
+                    }                                                                              \
+                for (int p = 0; p < PANDIS__POINTS; p++)                                           \
+                    memcpy(lanes[p] + k, sum + p, sizeof sum[p]);                                  \
+            }                                                                                      \
+            for (int p = 0; p < PANDIS__POINTS; p += 4) pandis__fold(lanes + p, sums + p);         \
+            for (int r = 0; r < PANDIS__POINTS && i + r / points < rows; r += points)              \
+                for (int p = 0; p < points; p++)                                                   \
+                    out[p * (ptrdiff_t)apart + i + r / points] = sums[r + p];                      \
         }                                                                                          \
     }
-PANDIS__KINDS(PANDIS__DOT_FOUR)
+PANDIS__KINDS(PANDIS__DOT_MANY)
 
-/* Call one of the above, for one point or for four. */
+/* Call one of the above, for one, four or eight points. */
 #define PANDIS__EITHER(load, type, tail, how)                                                      \
     how void pandis__sums_##tail(                                                                  \
         const type *w, const float *h, int rows, int stride, float *out, int count) {              \
-        if (count == 4) pandis__add_four_##tail(w, h, rows, stride, out);                          \
+        if (count == 8) pandis__add_many_##tail(w, h, rows, stride, out, 8);                       \
+        else if (count == 4) pandis__add_many_##tail(w, h, rows, stride, out, 4);                  \
         else pandis__add_##tail(w, h, rows, stride, out);                                          \
     }                                                                                              \
     how void pandis__products_##tail(                                                              \
         const type *w, const float *y, int rows, int stride, float *out, int apart, int count) {   \
-        if (count == 4) pandis__dots_four_##tail(w, y, rows, stride, out, apart);                  \
+        if (count == 8) pandis__dots_many_##tail(w, y, rows, stride, out, apart, 8);               \
+        else if (count == 4) pandis__dots_many_##tail(w, y, rows, stride, out, apart, 4);          \
         else pandis__dots_##tail(w, y, rows, stride, out);                                         \
     }
 PANDIS__KINDS(PANDIS__EITHER)
@@ -2593,9 +2652,12 @@ PANDIS__KINDS(PANDIS__EITHER)
  * (of every layer if the normal is the gradient). */
 static int pandis__rows(const pandis__network *n) { return n->outputs == 1 ? n->depth + 2 : 3; }
 
-/* Whether four points at a time fit into the memory that one point of the largest network needs. */
-static int pandis__fits_four(const pandis__network *n) {
-    return 4 * (ptrdiff_t)n->stride * pandis__rows(n) <= PANDIS__ROOM;
+/* Number of points to evaluate together, of so many that are left: 8, 4 or 1. They must fit into
+ * the memory that one point of the largest network needs. */
+static size_t pandis__points_at_once(const pandis__network *n, size_t left) {
+    size_t fit = PANDIS__ROOM / ((size_t)n->stride * (size_t)pandis__rows(n));
+    size_t most = fit < left ? fit : left;
+    return most >= 8 ? 8 : most >= 4 ? 4 : 1;
 }
 
 /* Go back through a network with one output: compute its gradients, stored 4 numbers apart, from
@@ -2630,12 +2692,12 @@ PANDIS__INLINE void pandis__network_gradient(
 }
 
 /* Evaluate x -> sin(W x + b) ... -> phi and psi, or phi and its gradient; w0 is folded into W and
- * b. Four points share one pass over the weights; the answers are the same as for single points. If
- * normals are NULL, no gradient is computed. */
+ * b. Four or eight points share one pass over the weights; the answers are the same as for single
+ * points. If normals are NULL, no gradient is computed. */
 PANDIS__INLINE void pandis__answer_network_body(const pandis__network *n, int count, double (*u)[3],
     double *distance, double (*normal)[3], pandis_flag *flag) {
-    float room[PANDIS__ROOM], result[4][4] = {{0}};
-    double inside[4][3], outside[4];
+    float room[PANDIS__ROOM], result[PANDIS__POINTS][4] = {{0}};
+    double inside[PANDIS__POINTS][3], outside[PANDIS__POINTS];
     int stride = n->stride, own = n->outputs == 1;
     ptrdiff_t all = (ptrdiff_t)count * stride;
     float *h = room, *z = room + all, *slopes = z + all;
@@ -2659,9 +2721,8 @@ PANDIS__INLINE void pandis__answer_network_body(const pandis__network *n, int co
         else
             PANDIS__CHOOSE(pandis__sums_h)(
                 n->hidden16 + at * stride, h, n->width, stride, z, count);
-        for (int p = 0; p < count; p++, z += stride, slope += stride)
-            for (int j = 0; j < stride; j++) pandis__sine_cosine(z[j] + bias[j], z + j, slope + j);
-        z -= all;
+        for (ptrdiff_t j = 0; j < all; j += PANDIS__LANES)
+            pandis__sines(z + j, bias + j % stride, slope + j);
         float *swap = h;
         h = z, z = swap;
     }
@@ -3096,28 +3157,28 @@ PANDIS_API pandis_flag pandis_force(
     return answer.flag;
 }
 
-/* Query four points of a network, reading every weight once. */
-static void pandis__query_four(
-    const pandis_field *field, const double *points, pandis_answer *answers) {
-    double u[4][3], d[4], n[4][3];
-    int finite[4];
-    pandis_flag flag[4];
-    for (int p = 0; p < 4; p++) {
+/* Query several points of a network, reading every weight once. */
+static void pandis__query_network(
+    const pandis_field *field, const double *points, size_t count, pandis_answer *answers) {
+    double u[PANDIS__POINTS][3], d[PANDIS__POINTS], n[PANDIS__POINTS][3];
+    int finite[PANDIS__POINTS];
+    pandis_flag flag[PANDIS__POINTS];
+    for (size_t p = 0; p < count; p++) {
         finite[p] = pandis__unit(field, points + 3 * p, u[p]);
         for (int k = 0; k < 3 && !finite[p]; k++) u[p][k] = 0;
     }
-    pandis__answer_network(&field->as.network, 4, u, d, n, flag);
-    for (int p = 0; p < 4; p++)
+    pandis__answer_network(&field->as.network, (int)count, u, d, n, flag);
+    for (size_t p = 0; p < count; p++)
         pandis__tell(field, d[p], n[p], 0, finite[p] ? flag[p] : PANDIS_INVALID, answers + p);
 }
 
 PANDIS_API void pandis_query_many(const pandis_field *field, const double *points, size_t count,
     double *distances, double *normals, unsigned char *flags) {
-    pandis_answer answers[4];
-    size_t at_once = field->kind == PANDIS_NETWORK && pandis__fits_four(&field->as.network) ? 4 : 1;
+    pandis_answer answers[PANDIS__POINTS];
     for (size_t i = 0, some; i < count; i += some) {
-        some = count - i < at_once ? 1 : at_once;
-        if (some == 4) pandis__query_four(field, points + 3 * i, answers);
+        some = field->kind == PANDIS_NETWORK ? pandis__points_at_once(&field->as.network, count - i)
+                                             : 1;
+        if (some > 1) pandis__query_network(field, points + 3 * i, some, answers);
         else pandis_query(field, points + 3 * i, answers);
         for (size_t k = 0; k < some; k++) {
             distances[i + k] = answers[k].distance;

@@ -35,7 +35,8 @@ def in_threads(part, count, parts=None, *, small=SMALL):
     list
         Results of the calls, in order.
     """
-    threads = max(1, min(thread_count(), 2 * count // small))
+    threads = 2 * count // small
+    threads = min(thread_count(), threads) if threads > 1 else 1
     parts = parts or (threads if threads == 1 else _PIECES * threads)
     edges = [count * k // parts for k in range(parts + 1)]
     if threads == 1 or parts == 1:

@@ -54,10 +54,11 @@
 
 /* without optimisation, inlining would make clang's stack frames larger */
 #if defined(__GNUC__) && !(defined(__clang__) && !defined(__OPTIMIZE__))
-#define PANDIS__INLINE static inline __attribute__((always_inline))
+#define PANDIS__ALWAYS inline __attribute__((always_inline))
 #else
-#define PANDIS__INLINE static inline
+#define PANDIS__ALWAYS inline
 #endif
+#define PANDIS__INLINE static PANDIS__ALWAYS
 
 /* Not inlined, so that the function keeps a separate stack frame. */
 #if defined(__GNUC__)
@@ -88,6 +89,8 @@
 #define PANDIS__EDGE (1 - 1e-12) /* the outermost faces of the box belong to its last cells */
 /* number of lanes of a sum, whatever the machine's vector width */
 #define PANDIS__LANES 16
+/* largest number of points that share a pass over a network's weights */
+#define PANDIS__POINTS 8
 #define PANDIS__ROWS ((PANDIS_MOST_WIDTH + PANDIS__LANES - 1) / PANDIS__LANES * PANDIS__LANES)
 /* capacity of the queue of boxes to visit; if it is full, the farthest are dropped */
 #define PANDIS__HEAP 512

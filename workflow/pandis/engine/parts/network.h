@@ -36,48 +36,54 @@
     }
 PANDIS__KINDS(PANDIS__ADD)
 
-/* The same for four points, whose h and out are `stride` apart: sums stay in registers, and each
- * weight is read once for all four. The order of additions is the same as above. */
-#define PANDIS__ADD_FOUR(load, type, tail, how)                                                    \
-    how void pandis__add_four_##tail(                                                              \
-        const type *w, const float *h, int rows, int stride, float *out) {                         \
-        for (int j = 0; j < stride; j += PANDIS__LANES) {                                          \
-            pandis__vector sum[4][PANDIS__PARTS];                                                  \
+/* The same for several points, whose h and out are `stride` apart: sums stay in registers, and each
+ * weight is read once for all points. The order of additions is the same as above. */
+#define PANDIS__ADD_MANY(load, type, tail, how)                                                    \
+    PANDIS__ALWAYS how void pandis__add_many_##tail(                                               \
+        const type *w, const float *h, int rows, int stride, float *out, const int points) {       \
+        for (int j = 0; j < stride; j += PANDIS__VECTOR) {                                         \
+            pandis__vector sum[PANDIS__POINTS];                                                    \
             const type *row = w + j;                                                               \
             int i = 0;                                                                             \
-            for (int p = 0; p < 4; p++)                                                            \
-                for (int k = 0; k < PANDIS__PARTS; k++)                                            \
-                    sum[p][k] =                                                                    \
-                        pandis__load(out + p * (ptrdiff_t)stride + j + k * PANDIS__VECTOR);        \
-            for (; i + 4 <= rows; i += 4, row += 4 * (ptrdiff_t)stride)                            \
-                for (int k = 0; k < PANDIS__PARTS; k++) {                                          \
-                    const type *at = row + k * PANDIS__VECTOR;                                     \
-                    pandis__vector w0 = load(at), w1 = load(at + stride),                          \
-                                   w2 = load(at + 2 * (ptrdiff_t)stride),                          \
-                                   w3 = load(at + 3 * (ptrdiff_t)stride);                          \
-                    for (int p = 0; p < 4; p++) {                                                  \
-                        const float *x = h + p * (ptrdiff_t)stride + i;                            \
-                        sum[p][k] =                                                                \
-                            sum[p][k] + ((x[0] * w0 + x[1] * w1) + (x[2] * w2 + x[3] * w3));       \
-                    }                                                                              \
+            for (int p = 0; p < points; p++)                                                       \
+                sum[p] = pandis__load(out + p * (ptrdiff_t)stride + j);                            \
+            for (; i + 4 <= rows; i += 4, row += 4 * (ptrdiff_t)stride) {                          \
+                pandis__vector w0 = load(row), w1 = load(row + stride),                            \
+                               w2 = load(row + 2 * (ptrdiff_t)stride),                             \
+                               w3 = load(row + 3 * (ptrdiff_t)stride);                             \
+                for (int p = 0; p < points; p++) {                                                 \
+                    const float *x = h + p * (ptrdiff_t)stride + i;                                \
+                    sum[p] = sum[p] + ((x[0] * w0 + x[1] * w1) + (x[2] * w2 + x[3] * w3));         \
                 }                                                                                  \
+            }                                                                                      \
             for (; i < rows; i++, row += stride)                                                   \
-                for (int p = 0; p < 4; p++)                                                        \
-                    for (int k = 0; k < PANDIS__PARTS; k++)                                        \
-                        sum[p][k] = sum[p][k] +                                                    \
-                            h[p * (ptrdiff_t)stride + i] * load(row + k * PANDIS__VECTOR);         \
-            for (int p = 0; p < 4; p++)                                                            \
-                memcpy(out + p * (ptrdiff_t)stride + j, sum[p], sizeof sum[p]);                    \
+                for (int p = 0; p < points; p++)                                                   \
+                    sum[p] = sum[p] + h[p * (ptrdiff_t)stride + i] * load(row);                    \
+            for (int p = 0; p < points; p++)                                                       \
+                memcpy(out + p * (ptrdiff_t)stride + j, sum + p, sizeof sum[p]);                   \
         }                                                                                          \
     }
-PANDIS__KINDS(PANDIS__ADD_FOUR)
+PANDIS__KINDS(PANDIS__ADD_MANY)
 
-/* Sum the lanes of four sums by halves. */
+/* Sum the lanes of four sums by halves: k and k + 8, then k and k + 4, k and k + 2, k and k + 1. */
 PANDIS__INLINE void pandis__fold(float (*lanes)[PANDIS__LANES], float *out) {
-    for (int n = PANDIS__LANES / 2; n; n /= 2)
-        for (int r = 0; r < 4; r++)
+#if PANDIS__VECTOR > 1
+    pandis__quad l[4][4], four[4];
+    memcpy(l, lanes, sizeof l);
+    for (int r = 0; r < 4; r++) four[r] = (l[r][0] + l[r][2]) + (l[r][1] + l[r][3]);
+    pandis__quad two =
+        PANDIS__PICK(four[0], four[1], 0, 1, 4, 5) + PANDIS__PICK(four[0], four[1], 2, 3, 6, 7);
+    pandis__quad other =
+        PANDIS__PICK(four[2], four[3], 0, 1, 4, 5) + PANDIS__PICK(four[2], four[3], 2, 3, 6, 7);
+    two = PANDIS__PICK(two, other, 0, 2, 4, 6) + PANDIS__PICK(two, other, 1, 3, 5, 7);
+    memcpy(out, &two, sizeof two);
+#else
+    for (int r = 0; r < 4; r++) {
+        for (int n = PANDIS__LANES / 2; n; n /= 2)
             for (int k = 0; k < n; k++) lanes[r][k] += lanes[r][k + n];
-    for (int r = 0; r < 4; r++) out[r] = lanes[r][0];
+        out[r] = lanes[r][0];
+    }
+#endif
 }
 
 /* out[i] <- the product of row i and y, each summed in PANDIS__LANES lanes, four rows at once. */
@@ -107,38 +113,47 @@ PANDIS__INLINE void pandis__fold(float (*lanes)[PANDIS__LANES], float *out) {
     }
 PANDIS__KINDS(PANDIS__DOT)
 
-/* out[p][i] <- the product of row i and y of point p, for four points `stride` apart. */
-#define PANDIS__DOT_FOUR(load, type, tail, how)                                                    \
-    how void pandis__dots_four_##tail(                                                             \
-        const type *w, const float *y, int rows, int stride, float *out, int apart) {              \
-        for (int i = 0; i < rows; i++, w += stride) {                                              \
-            pandis__vector sum[4][PANDIS__PARTS];                                                  \
-            float lanes[4][PANDIS__LANES], four[4];                                                \
-            memset(sum, 0, sizeof sum);                                                            \
-            for (int j = 0; j < stride; j += PANDIS__LANES)                                        \
-                for (int k = 0; k < PANDIS__PARTS; k++) {                                          \
-                    pandis__vector v = load(w + j + k * PANDIS__VECTOR);                           \
-                    for (int p = 0; p < 4; p++)                                                    \
-                        sum[p][k] +=                                                               \
-                            v * pandis__load(y + p * (ptrdiff_t)stride + j + k * PANDIS__VECTOR);  \
-                }                                                                                  \
-            memcpy(lanes, sum, sizeof lanes);                                                      \
-            pandis__fold(lanes, four);                                                             \
-            for (int p = 0; p < 4; p++) out[p * (ptrdiff_t)apart + i] = four[p];                   \
+/* out[p][i] <- the product of row i and y of point p, for several points `stride` apart. Four
+ * points take two rows at once, because eight sums keep the arithmetic units busy. */
+#define PANDIS__DOT_MANY(load, type, tail, how)                                                    \
+    PANDIS__ALWAYS how void pandis__dots_many_##tail(const type *w, const float *y, int rows,      \
+        int stride, float *out, int apart, const int points) {                                     \
+        for (int i = 0; i < rows; i += PANDIS__POINTS / points) {                                  \
+            float lanes[PANDIS__POINTS][PANDIS__LANES], sums[PANDIS__POINTS];                      \
+            const type *row = w + (ptrdiff_t)i * stride;                                           \
+            ptrdiff_t next = i + 1 < rows ? stride : 0;                                            \
+            for (int k = 0; k < PANDIS__LANES; k += PANDIS__VECTOR) {                              \
+                pandis__vector sum[PANDIS__POINTS];                                                \
+                memset(sum, 0, sizeof sum);                                                        \
+                for (int j = k; j < stride; j += PANDIS__LANES)                                    \
+                    for (int r = 0; r < PANDIS__POINTS; r += points) {                             \
+                        pandis__vector v = load(row + (r ? next : 0) + j);                         \
+                        for (int p = 0; p < points; p++)                                           \
+                            sum[r + p] += v * pandis__load(y + p * (ptrdiff_t)stride + j);         \
+                    }                                                                              \
+                for (int p = 0; p < PANDIS__POINTS; p++)                                           \
+                    memcpy(lanes[p] + k, sum + p, sizeof sum[p]);                                  \
+            }                                                                                      \
+            for (int p = 0; p < PANDIS__POINTS; p += 4) pandis__fold(lanes + p, sums + p);         \
+            for (int r = 0; r < PANDIS__POINTS && i + r / points < rows; r += points)              \
+                for (int p = 0; p < points; p++)                                                   \
+                    out[p * (ptrdiff_t)apart + i + r / points] = sums[r + p];                      \
         }                                                                                          \
     }
-PANDIS__KINDS(PANDIS__DOT_FOUR)
+PANDIS__KINDS(PANDIS__DOT_MANY)
 
-/* Call one of the above, for one point or for four. */
+/* Call one of the above, for one, four or eight points. */
 #define PANDIS__EITHER(load, type, tail, how)                                                      \
     how void pandis__sums_##tail(                                                                  \
         const type *w, const float *h, int rows, int stride, float *out, int count) {              \
-        if (count == 4) pandis__add_four_##tail(w, h, rows, stride, out);                          \
+        if (count == 8) pandis__add_many_##tail(w, h, rows, stride, out, 8);                       \
+        else if (count == 4) pandis__add_many_##tail(w, h, rows, stride, out, 4);                  \
         else pandis__add_##tail(w, h, rows, stride, out);                                          \
     }                                                                                              \
     how void pandis__products_##tail(                                                              \
         const type *w, const float *y, int rows, int stride, float *out, int apart, int count) {   \
-        if (count == 4) pandis__dots_four_##tail(w, y, rows, stride, out, apart);                  \
+        if (count == 8) pandis__dots_many_##tail(w, y, rows, stride, out, apart, 8);               \
+        else if (count == 4) pandis__dots_many_##tail(w, y, rows, stride, out, apart, 4);          \
         else pandis__dots_##tail(w, y, rows, stride, out);                                         \
     }
 PANDIS__KINDS(PANDIS__EITHER)
@@ -149,9 +164,12 @@ PANDIS__KINDS(PANDIS__EITHER)
  * (of every layer if the normal is the gradient). */
 static int pandis__rows(const pandis__network *n) { return n->outputs == 1 ? n->depth + 2 : 3; }
 
-/* Whether four points at a time fit into the memory that one point of the largest network needs. */
-static int pandis__fits_four(const pandis__network *n) {
-    return 4 * (ptrdiff_t)n->stride * pandis__rows(n) <= PANDIS__ROOM;
+/* Number of points to evaluate together, of so many that are left: 8, 4 or 1. They must fit into
+ * the memory that one point of the largest network needs. */
+static size_t pandis__points_at_once(const pandis__network *n, size_t left) {
+    size_t fit = PANDIS__ROOM / ((size_t)n->stride * (size_t)pandis__rows(n));
+    size_t most = fit < left ? fit : left;
+    return most >= 8 ? 8 : most >= 4 ? 4 : 1;
 }
 
 /* Go back through a network with one output: compute its gradients, stored 4 numbers apart, from
@@ -186,12 +204,12 @@ PANDIS__INLINE void pandis__network_gradient(
 }
 
 /* Evaluate x -> sin(W x + b) ... -> phi and psi, or phi and its gradient; w0 is folded into W and
- * b. Four points share one pass over the weights; the answers are the same as for single points. If
- * normals are NULL, no gradient is computed. */
+ * b. Four or eight points share one pass over the weights; the answers are the same as for single
+ * points. If normals are NULL, no gradient is computed. */
 PANDIS__INLINE void pandis__answer_network_body(const pandis__network *n, int count, double (*u)[3],
     double *distance, double (*normal)[3], pandis_flag *flag) {
-    float room[PANDIS__ROOM], result[4][4] = {{0}};
-    double inside[4][3], outside[4];
+    float room[PANDIS__ROOM], result[PANDIS__POINTS][4] = {{0}};
+    double inside[PANDIS__POINTS][3], outside[PANDIS__POINTS];
     int stride = n->stride, own = n->outputs == 1;
     ptrdiff_t all = (ptrdiff_t)count * stride;
     float *h = room, *z = room + all, *slopes = z + all;
@@ -215,9 +233,8 @@ PANDIS__INLINE void pandis__answer_network_body(const pandis__network *n, int co
         else
             PANDIS__CHOOSE(pandis__sums_h)(
                 n->hidden16 + at * stride, h, n->width, stride, z, count);
-        for (int p = 0; p < count; p++, z += stride, slope += stride)
-            for (int j = 0; j < stride; j++) pandis__sine_cosine(z[j] + bias[j], z + j, slope + j);
-        z -= all;
+        for (ptrdiff_t j = 0; j < all; j += PANDIS__LANES)
+            pandis__sines(z + j, bias + j % stride, slope + j);
         float *swap = h;
         h = z, z = swap;
     }

@@ -143,28 +143,28 @@ PANDIS_API pandis_flag pandis_force(
     return answer.flag;
 }
 
-/* Query four points of a network, reading every weight once. */
-static void pandis__query_four(
-    const pandis_field *field, const double *points, pandis_answer *answers) {
-    double u[4][3], d[4], n[4][3];
-    int finite[4];
-    pandis_flag flag[4];
-    for (int p = 0; p < 4; p++) {
+/* Query several points of a network, reading every weight once. */
+static void pandis__query_network(
+    const pandis_field *field, const double *points, size_t count, pandis_answer *answers) {
+    double u[PANDIS__POINTS][3], d[PANDIS__POINTS], n[PANDIS__POINTS][3];
+    int finite[PANDIS__POINTS];
+    pandis_flag flag[PANDIS__POINTS];
+    for (size_t p = 0; p < count; p++) {
         finite[p] = pandis__unit(field, points + 3 * p, u[p]);
         for (int k = 0; k < 3 && !finite[p]; k++) u[p][k] = 0;
     }
-    pandis__answer_network(&field->as.network, 4, u, d, n, flag);
-    for (int p = 0; p < 4; p++)
+    pandis__answer_network(&field->as.network, (int)count, u, d, n, flag);
+    for (size_t p = 0; p < count; p++)
         pandis__tell(field, d[p], n[p], 0, finite[p] ? flag[p] : PANDIS_INVALID, answers + p);
 }
 
 PANDIS_API void pandis_query_many(const pandis_field *field, const double *points, size_t count,
     double *distances, double *normals, unsigned char *flags) {
-    pandis_answer answers[4];
-    size_t at_once = field->kind == PANDIS_NETWORK && pandis__fits_four(&field->as.network) ? 4 : 1;
+    pandis_answer answers[PANDIS__POINTS];
     for (size_t i = 0, some; i < count; i += some) {
-        some = count - i < at_once ? 1 : at_once;
-        if (some == 4) pandis__query_four(field, points + 3 * i, answers);
+        some = field->kind == PANDIS_NETWORK ? pandis__points_at_once(&field->as.network, count - i)
+                                             : 1;
+        if (some > 1) pandis__query_network(field, points + 3 * i, some, answers);
         else pandis_query(field, points + 3 * i, answers);
         for (size_t k = 0; k < some; k++) {
             distances[i + k] = answers[k].distance;

@@ -25,6 +25,38 @@ PANDIS__INLINE void pandis__sine_cosine(float x, float *sine, float *cosine) {
     *cosine = ((quarter + 1) & 2 ? -b : b) + none;
 }
 
+/* Add biases to a layer's sums in all lanes, and replace them by their sines; also compute the
+ * cosines. With vector types, this is the function above with the same bits: few compilers would
+ * use vectors for it without -O3. */
+PANDIS__INLINE void pandis__sines(float *z, const float *bias, float *cosines) {
+#if PANDIS__VECTOR > 1
+    const float whole = 12582912.0f;
+    for (int at = 0; at < PANDIS__LANES; at += PANDIS__VECTOR) {
+        pandis__vector x = pandis__load(z + at) + pandis__load(bias + at), none = x - x;
+        pandis__ints small = (x >= -1e4f) & (x <= 1e4f);
+        x = (pandis__vector)((pandis__ints)x & small);
+        /* the last bits of this sum are those of the whole number k */
+        pandis__vector sum = x * 0.636619772367581343f + whole, k = sum - whole;
+        pandis__vector r = ((x - k * PANDIS__PART1) - k * PANDIS__PART2) - k * PANDIS__PART3,
+                       q = r * r;
+        pandis__vector s =
+            ((-1.9515295891e-4f * q + 8.3321608736e-3f) * q - 1.6666654611e-1f) * q * r + r;
+        pandis__vector c =
+            ((2.443315711809948e-5f * q - 1.388731625493765e-3f) * q + 4.166664568298827e-2f) * q *
+                q -
+            0.5f * q + 1.0f;
+        pandis__ints quarter = (pandis__ints)sum, odd = -(quarter & 1), change;
+        change = ((pandis__ints)s ^ (pandis__ints)c) & odd; /* exchanges sine and cosine */
+        pandis__ints a = (pandis__ints)s ^ change, b = (pandis__ints)c ^ change;
+        a ^= (quarter & 2) << 30, b ^= ((quarter + 1) & 2) << 30; /* signs */
+        s = (pandis__vector)a + none, c = (pandis__vector)b + none;
+        memcpy(z + at, &s, sizeof s), memcpy(cosines + at, &c, sizeof c);
+    }
+#else
+    for (int k = 0; k < PANDIS__LANES; k++) pandis__sine_cosine(z[k] + bias[k], z + k, cosines + k);
+#endif
+}
+
 /* Check the arithmetic that this code relies on: sums are rounded in the order in which they are
  * written, and NaN stays NaN. Some options of -ffast-math break this and define no macro. */
 PANDIS__ONCE static int pandis__arithmetic(void) {
@@ -34,11 +66,11 @@ PANDIS__ONCE static int pandis__arithmetic(void) {
     volatile uint32_t none = 0x7fc00000u; /* NaN, made without a division, which might trap */
     uint32_t bits = none;
     volatile double large = 9007199254740992.0, one = 1;
-    float x[16], sine[16], cosine[16];
+    float sine[PANDIS__LANES], cosine[PANDIS__LANES], bias[PANDIS__LANES] = {0};
     int good = 1;
-    for (int k = 0; k < 16; k++) x[k] = read[k & 1];
-    memcpy(x + 15, &bits, sizeof bits);
-    for (int k = 0; k < 16; k++) pandis__sine_cosine(x[k], sine + k, cosine + k);
+    for (int k = 0; k < PANDIS__LANES; k++) sine[k] = read[k & 1];
+    memcpy(sine + 15, &bits, sizeof bits);
+    pandis__sines(sine, bias, cosine);
     for (int k = 0; k < 15; k++) {
         good &= fabsf(sine[k] - wanted[2 * (k & 1)]) < 1e-6f;
         good &= fabsf(cosine[k] - wanted[2 * (k & 1) + 1]) < 1e-6f;

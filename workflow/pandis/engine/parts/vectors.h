@@ -18,6 +18,15 @@ typedef float pandis__floats
 typedef int16_t pandis__shorts
     __attribute__((vector_size(2 * PANDIS__VECTOR), aligned(2), may_alias));
 typedef int32_t pandis__ints __attribute__((vector_size(4 * PANDIS__VECTOR)));
+typedef float pandis__quad __attribute__((vector_size(16)));
+typedef int32_t pandis__quad_ints __attribute__((vector_size(16)));
+/* four of the eight lanes of two vectors */
+#ifdef __clang__
+#define PANDIS__PICK(a, b, i, j, k, l) __builtin_shufflevector(a, b, i, j, k, l)
+#else
+#define PANDIS__PICK(a, b, i, j, k, l)                                                             \
+    __builtin_shuffle(a, b, __extension__(pandis__quad_ints){i, j, k, l})
+#endif
 /* macros, because the ABI determines how a function returns a vector */
 #define pandis__load(p) (*(const pandis__floats *)(p))
 #define pandis__load16(p) __builtin_convertvector(*(const pandis__shorts *)(p), pandis__vector)

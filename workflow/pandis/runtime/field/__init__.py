@@ -304,12 +304,12 @@ class NativeField:
         count = len(points)
         answer = NativeAnswer(np.empty(count), np.empty((count, 3)), np.empty(count, np.uint8))
         lengths = np.empty(count) if slopes else None
+        starts = [column.ctypes.data for column in (points, *answer)]
 
         def part(low, high):
-            columns = [points[low:], *(column[low:] for column in answer)]
-            where = [column.ctypes.data for column in columns]
-            where.append(lengths[low:].ctypes.data if slopes else None)
-            self._library.runtime_query(self._field, where[0], high - low, *where[1:])
+            x, d, n, flag = (at + low * k for at, k in zip(starts, (24, 8, 24, 1), strict=True))
+            last = lengths.ctypes.data + 8 * low if slopes else None
+            self._library.runtime_query(self._field, x, high - low, d, n, flag, last)
 
         # networks are slow enough for a second thread to pay off early
         in_threads(part, count, small=_FEW if self.kind == NETWORK else SMALL)
