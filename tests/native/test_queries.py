@@ -1,12 +1,14 @@
 """Queries with a reach, and from one point to the next: the same bits as without, and no lies."""
 
 import ctypes
+import zlib
 
 import numpy as np
 import pytest
 import trimesh
 from test_header import NAMES, points_for
 
+from pandis.base.errors import ArtifactError
 from pandis.base.frame import UNIT
 from pandis.pipeline.geometry.body import Body
 from pandis.pipeline.geometry.shapes import SHAPES
@@ -137,6 +139,64 @@ def test_an_exact_mesh_that_has_too_much_to_look_at_is_cut_and_says_so(most, spr
         assert (clear[cut] > 0.9 * np.abs(exact[cut])).all()
 
 
+def bicone(count):
+    """Return a double cone of so many sectors; all of its faces are equally near to its middle."""
+    turn = 2 * np.pi * np.arange(count) / count
+    rim = 0.9 * np.stack([np.cos(turn), np.sin(turn), 0 * turn], axis=1)
+    here, there = np.arange(count), np.arange(1, count + 1) % count
+    up, down = np.full(count, count), np.full(count, count + 1)
+    faces = np.concatenate([np.stack([here, there, up], 1), np.stack([there, here, down], 1)])
+    return np.concatenate([rim, [[0, 0, 0.9], [0, 0, -0.9]]]), faces
+
+
+def renamed(data, name, other):
+    """Return a file with a section of another name, which readers ignore."""
+    data = data.replace(name, other, 1)
+    return data[:24] + zlib.crc32(data[32:]).to_bytes(4, "little") + data[28:]
+
+
+BODIES = {
+    "ball": lambda: (0.9 * SHAPES["sphere"].tessellation()[0], SHAPES["sphere"].tessellation()[1]),
+    "torus": lambda: SHAPES["torus"].tessellation(400, 200),
+    "cone": lambda: cone(4000),
+    "bicone": lambda: bicone(4000),
+}
+
+
+@pytest.mark.parametrize("name", BODIES)
+def test_a_cut_distance_is_certain_to_a_thousandth(name, monkeypatch):
+    """At the middle, on the axis and on the ring: all faces seem equally near, slabs tell more."""
+    monkeypatch.setattr("pandis.pipeline.kinds.exact.file.least_limit", lambda *_, **__: 1000)
+    vertices, faces = BODIES[name]()
+    body = Body(vertices * (0.9 / np.abs(vertices).max()), faces, UNIT)
+    data = export.native_bytes(ExactField("exact", body), {})
+    turn, height = np.linspace(0, 6, 50), np.linspace(-0.95, 0.95, 200)
+    ring = 0.9 / 1.4 * np.stack([np.cos(turn), np.sin(turn), 0 * turn], axis=1)
+    axis = np.stack([0 * height, 0 * height, height], axis=1)
+    points = np.concatenate([middle(100, 1e-3), axis, ring])
+    exact = np.abs(body.distance.distance_and_normal(points, check=False)[0])
+    doubt = {}
+    for key, source in (("slabs", data), ("boxes", renamed(data, b"SLAB", b"none"))):
+        field = NativeField(source)
+        distance, clear = np.abs(field.query(points).distance), field.clear(points)
+        assert (clear <= exact).all()
+        assert (distance >= exact * (1 - 1e-14)).all()
+        doubt[key] = (distance - clear).max()
+    assert 0 < doubt["slabs"] < 1e-3 < doubt["boxes"]
+
+
+def test_slabs_that_could_lie_are_refused():
+    """A normal longer than 1 would tell of distances that are not there."""
+    body = Body(*bicone(40), UNIT)
+    data = export.native_bytes(ExactField("exact", body), {})
+    table = data.index(b"SLAB")
+    start = int.from_bytes(data[table + 8 : table + 16], "little")
+    for bad in (np.float32(1.01), np.float32(np.nan)):
+        changed = data[:start] + bad.tobytes() + data[start + 4 :]
+        with pytest.raises(ArtifactError, match="inconsistent"):
+            NativeField(renamed(changed, b"SLAB", b"SLAB"))
+
+
 def test_of_a_cut_answer_the_first_face_on_the_way_tells_the_side(monkeypatch):
     """The middle of a thin shell is a cavity, though faces of both walls are about as near."""
     field, _ = ball(400, monkeypatch, shell=True)
@@ -183,7 +243,7 @@ def test_a_limit_has_a_margin_of_two(needed):
     """Points that were not tried can need more: with just enough a fan of 500 sectors was cut."""
 
     def query(points, most):
-        return np.ones(len(points)), np.full(len(points), np.inf if most >= needed else 0)
+        return np.full(len(points), 0.1), np.full(len(points), np.inf if most >= needed else 0)
 
     limit = least_limit(1000, *cone(8), query=query)
     assert 2 * needed <= limit <= max(1000, 4 * needed)

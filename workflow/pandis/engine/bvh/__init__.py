@@ -11,10 +11,12 @@ from pandis.base.errors import PandisError
 from pandis.engine.compiler import load
 from pandis.engine.threads import SMALL, in_threads
 
-#: Parts of a tree: vertices, their normals, faces, their neighbours, nodes, leaves.
+#: Parts of a tree in memory: vertices, their normals, faces, their neighbours, nodes, leaves.
 PARTS = ("VERT", "VNRM", "FACE", "NEIG", "TREE", "LEAF")
 #: Bytes of a node and of a leaf.
 NODE_BYTES, LEAF_BYTES = 224, 200
+#: Bytes of a node's slabs.
+_SLAB_BYTES = 160
 #: Numbers of branches, as in branches.h: in the first two levels, which are opened first, and in
 #: the first three. A tree of fewer than _MANY faces is built by one thread.
 _OPENED, _BRANCHES, _MANY = 1 + 8, 1 + 8 + 64, 10_000
@@ -61,6 +63,7 @@ def library():
     lib.bvh_winding.argtypes = [pointer, pointer, i64, pointer, pointer]
     lib.bvh_turns.argtypes = [pointer, pointer, i64, f64, pointer]
     lib.bvh_part.restype, lib.bvh_part.argtypes = pointer, [pointer, i32, pointer]
+    lib.bvh_slabs.argtypes = [pointer, pointer]
     lib.bvh_reach.restype, lib.bvh_reach.argtypes = f64, [pointer]
     lib.bvh_scan.argtypes = [pointer, pointer, i64, pointer, pointer]
     lib.bvh_order.argtypes = [pointer, i64, pointer]
@@ -201,7 +204,9 @@ class Bvh:
         for index, name in enumerate(PARTS):
             start = self._library.bvh_part(self._tree, index, ctypes.byref(size))
             arrays[name] = ctypes.string_at(start, size.value)
-        return arrays
+        slabs = np.empty(len(arrays["TREE"]) // NODE_BYTES * _SLAB_BYTES, np.uint8)
+        self._library.bvh_slabs(self._tree, slabs.ctypes.data)
+        return arrays | {"SLAB": slabs.tobytes()}
 
     @property
     def reach(self):

@@ -258,6 +258,58 @@ const void *bvh_part(const Bvh *t, int32_t which, int64_t *bytes) {
     }
 }
 
+/* Range of the leaves below a child; leaves are numbered in the order of a walk. */
+static void leaves_below(const Bvh *t, int32_t child, int32_t *first, int32_t *end) {
+    int32_t last = child;
+    while (child >= 0) child = t->nodes[child].child[0];
+    while (last >= 0) {
+        int i = WIDTH - 1;
+        while (i > 0 && t->nodes[last].low[0][i] > t->nodes[last].high[0][i]) i--;
+        last = t->nodes[last].child[i];
+    }
+    *first = ~child, *end = ~last + 1;
+}
+
+/* Find the slab of a child: the planes across the mean normal of its faces that hold all of them.
+ */
+static void find_slab(const Bvh *t, int32_t child, int place, pandis__slabs *out) {
+    int32_t first, end;
+    double sum[3] = {0}, low = INFINITY, high = -INFINITY;
+    float n[3];
+    leaves_below(t, child, &first, &end);
+    for (int32_t i = first * WIDTH; i < end * WIDTH; i++) {
+        int32_t face = t->leaves[i / WIDTH].face[i % WIDTH];
+        double u[3], v[3], across[3];
+        if (face < 0) continue;
+        for (int k = 0; k < 3; k++)
+            u[k] = corner(t, face, 1)[k] - corner(t, face, 0)[k],
+            v[k] = corner(t, face, 2)[k] - corner(t, face, 0)[k];
+        cross(u, v, across);
+        for (int k = 0; k < 3; k++) sum[k] += across[k];
+    }
+    if (!pandis__normalise(sum)) sum[0] = sum[1] = sum[2] = 0;
+    for (int k = 0; k < 3; k++) out->normal[k][place] = n[k] = (float)(sum[k] * (1 - 1e-6));
+    for (int32_t i = first * WIDTH; i < end * WIDTH; i++) {
+        int32_t face = t->leaves[i / WIDTH].face[i % WIDTH];
+        for (int c = 0; c < 3 && face >= 0; c++) {
+            const double *p = corner(t, face, c);
+            double at = (double)n[0] * p[0] + (double)n[1] * p[1] + (double)n[2] * p[2];
+            low = at < low ? at : low, high = at > high ? at : high;
+        }
+    }
+    out->low[place] = (float)(low - 1e-6 * t->scale);
+    out->high[place] = (float)(high + 1e-6 * t->scale);
+}
+
+/* Find the slabs of all nodes (parts/types.h); an unused child has a slab that is never far. */
+void bvh_slabs(const Bvh *t, pandis__slabs *out) {
+    memset(out, 0, sizeof *out * (size_t)t->node_count);
+    for (int32_t i = 0; i < t->node_count; i++)
+        for (int k = 0; k < WIDTH; k++)
+            if (!(t->nodes[i].low[0][k] > t->nodes[i].high[0][k]))
+                find_slab(t, t->nodes[i].child[k], k, out + i);
+}
+
 double bvh_reach(const Bvh *t) { return t->scale; }
 
 #include "scan.h"

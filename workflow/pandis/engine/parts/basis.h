@@ -99,8 +99,16 @@
 #define PANDIS__DEEPEST 100
 #define PANDIS__NO_BRICK 65535
 #define PANDIS__MOST_BITS 20
-/* minimum number of boxes and faces visited in tree order, before the search is best-first */
+/* number of boxes and faces that a search visits before it reads slabs or, in a packed mesh, goes
+ * on best-first */
 #define PANDIS__SOON 192
+/* The budget of a mesh may be large because queries next to its surface need it. Farther away than
+ * this (unit frame) a search visits at most so many boxes and faces, and then so many boxes until
+ * nothing can be nearer than its result by more than the doubt. */
+#define PANDIS__CLOSE 0.15
+#define PANDIS__AWAY 500
+#define PANDIS__CERTAIN 4000
+#define PANDIS__DOUBT 0.9e-3
 #define PANDIS__SLACK 16 /* bytes after the last block that are read but not used */
 #define PANDIS__BLOCK 64 /* maximum number of faces, and of corners, per block of a packed mesh */
 

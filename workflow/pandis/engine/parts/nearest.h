@@ -23,6 +23,27 @@ PANDIS__INLINE void pandis__box_keys(const pandis__node *PANDIS__RESTRICT n,
         keys[i] = n->low[0][i] > n->high[0][i] ? INT32_MAX : (keys[i] & ~7) | i;
 }
 
+/* Raise the keys of a node's boxes to the squared distances from the slabs that hold their
+ * contents.
+ */
+PANDIS__INLINE void pandis__slab_keys(const pandis__slabs *PANDIS__RESTRICT s,
+    const float *PANDIS__RESTRICT p, int32_t *PANDIS__RESTRICT keys) {
+    float out[PANDIS__WIDTH], rounding = 1e-6f * (fabsf(p[0]) + fabsf(p[1]) + fabsf(p[2]));
+    int32_t raised[PANDIS__WIDTH];
+    for (int i = 0; i < PANDIS__WIDTH; i++) {
+        float at = s->normal[0][i] * p[0] + s->normal[1][i] * p[1] + s->normal[2][i] * p[2];
+        float below = s->low[i] - at, above = at - s->high[i];
+        float d = (below > above ? below : above) - rounding;
+        d = d > 0 ? d : 0;
+        out[i] = d * d * 0.99999f;
+    }
+    memcpy(raised, out, sizeof raised);
+    for (int i = 0; i < PANDIS__WIDTH; i++) {
+        raised[i] = (raised[i] & ~7) | i;
+        keys[i] = raised[i] > keys[i] ? raised[i] : keys[i];
+    }
+}
+
 /* The key of a search limit: boxes with larger keys are farther. */
 static int32_t pandis__limit_key(double limit) {
     double squared = limit * limit * (1 + 1e-6);
@@ -187,21 +208,25 @@ PANDIS__INLINE void pandis__look_into(
     }
 }
 
-/* Descend depth-first, the nearest box first; for most points this finds the nearest face early. */
-PANDIS__INLINE void pandis__seek_depth_body(
-    const pandis__mesh *t, const double *p, pandis__seeking *s) {
+/* Descend with a budget of nodes, leaves and faces, the nearest box first. Boxes whose contents are
+ * less than `gap` nearer than the nearest face so far are skipped; `unseen` is the key of the
+ * nearest box that was not opened. Slabs are read in later searches only, because most end before
+ * they would pay. */
+PANDIS__INLINE void pandis__descend_body(
+    const pandis__mesh *t, const double *p, double gap, int32_t left, pandis__seeking *s) {
     struct {
         int32_t keys[PANDIS__WIDTH], node;
     } path[PANDIS__DEEPEST], *at = path;
     float q[3] = {(float)p[0], (float)p[1], (float)p[2]};
-    int32_t within = pandis__limit_key(s->limit);
-    at->node = 0;
+    int32_t within = pandis__limit_key(s->limit > gap ? s->limit - gap : 0);
+    int with_slabs = t->slabs && left > PANDIS__SOON && left < INT32_MAX;
+    s->left = left, s->unseen = INT32_MAX, at->node = 0;
     pandis__box_keys(t->nodes, q, at->keys);
     for (;;) {
         int32_t key = pandis__least(at->keys), child = t->nodes[at->node].child[key & 7];
-        /* budget spent: the rest is at least this far away */
-        if (s->left < 0 && key < s->unseen) s->unseen = key;
+        /* box skipped, or budget spent: the rest is at least this far away */
         if (key > within || s->left < 0) {
+            s->unseen = key < s->unseen ? key : s->unseen;
             if (at == path) return;
             at--;
             continue;
@@ -211,63 +236,42 @@ PANDIS__INLINE void pandis__seek_depth_body(
             s->left--;
             (++at)->node = child;
             pandis__box_keys(t->nodes + child, q, at->keys);
+            if (with_slabs) pandis__slab_keys(t->slabs + child, q, at->keys);
         } else {
             pandis__look_into(t, t->leaves + ~child, p, s);
-            within = pandis__limit_key(s->limit);
+            within = pandis__limit_key(s->limit > gap ? s->limit - gap : 0);
         }
     }
 }
 
-PANDIS__COMPILE(
-    pandis__seek_depth, (const pandis__mesh *t, const double *p, pandis__seeking *s), (t, p, s))
+PANDIS__COMPILE(pandis__descend,
+    (const pandis__mesh *t, const double *p, double gap, int32_t left, pandis__seeking *s),
+    (t, p, gap, left, s))
 
-/* Search best-first, so that little is missed when the budget is spent. */
-PANDIS__INLINE void pandis__seek_best_body(
-    const pandis__mesh *t, const double *p, pandis__seeking *s) {
-    pandis__waiting heap[PANDIS__HEAP];
-    float q[3] = {(float)p[0], (float)p[1], (float)p[2]};
-    int count = 1;
-    heap[0].key = heap[0].child = 0;
-    while (count) {
-        pandis__waiting e = pandis__next(heap, count--);
-        int32_t within = pandis__limit_key(s->limit), keys[PANDIS__WIDTH];
-        if (e.key > within) return;
-        if (s->left < 0) {
-            s->unseen = e.key < s->unseen ? e.key : s->unseen;
-            return;
-        }
-        if (e.child < 0) {
-            pandis__look_into(t, t->leaves + ~e.child, p, s);
-            continue;
-        }
-        s->left--;
-        pandis__box_keys(t->nodes + e.child, q, keys);
-        for (int i = 0; i < PANDIS__WIDTH; i++) {
-            int32_t out;
-            if (keys[i] <= within &&
-                pandis__wait_or_drop(heap, &count, keys[i], t->nodes[e.child].child[i], &out))
-                s->unseen = out < s->unseen ? out : s->unseen;
-        }
-    }
+/* Whether a face that was not seen may be nearer than the nearest one so far. */
+static int pandis__cut_short(const pandis__seeking *s) {
+    return s->unseen <= pandis__limit_key(s->limit);
 }
-
-PANDIS__COMPILE(
-    pandis__seek_best, (const pandis__mesh *t, const double *p, pandis__seeking *s), (t, p, s))
 
 /* Find the nearest face within `limit`, by its distance in double precision; INT32_MAX if there is
  * none. If the search was cut short, `clear` becomes a lower bound of the distances to all other
- * faces; else infinite. */
+ * faces; else infinite. The budget is small far from the surface, and the file's close to it. Once
+ * it is spent, make sure that nothing is nearer than the nearest face by more than the doubt. */
 static int32_t pandis__nearest(
     const pandis__mesh *t, const double *p, double limit, double *clear) {
     pandis__seeking s;
-    int32_t soon = pandis__soon(t->most);
-    int kept = 0;
-    s.limit = limit, s.squared = limit * limit, s.face = INT32_MAX, s.count = 0, s.left = soon,
-    s.unseen = INT32_MAX;
-    pandis__seek_depth(t, p, &s);
-    if (s.unseen <= pandis__limit_key(s.limit) && soon < t->most) {
-        s.left = t->most - soon, s.unseen = INT32_MAX;
-        pandis__seek_best(t, p, &s);
+    int kept = 0, limited = t->most < INT32_MAX;
+    s.limit = limit, s.squared = limit * limit, s.face = INT32_MAX, s.count = 0;
+    pandis__descend(t, p, 0, limited ? PANDIS__SOON : INT32_MAX, &s);
+    int away = s.limit > PANDIS__CLOSE;
+    while (limited && pandis__cut_short(&s)) {
+        pandis__descend(t, p, 0, away ? PANDIS__AWAY : t->most, &s);
+        if (!pandis__cut_short(&s)) break;
+        int32_t unseen = s.unseen;
+        pandis__descend(t, p, PANDIS__DOUBT, PANDIS__CERTAIN, &s);
+        s.unseen = unseen > s.unseen ? unseen : s.unseen;
+        if (!away || s.limit > PANDIS__CLOSE) break;
+        away = 0;
     }
     for (int i = 0; i < s.count; i++)
         if (s.maybe[i].seems <= pandis__may_seem(s.limit, s.maybe[i].slack))
@@ -277,7 +281,7 @@ static int32_t pandis__nearest(
     if (kept == 1 && s.face == INT32_MAX && s.limit < limit) s.face = s.maybe[0].face;
     else pandis__settle(t, p, &s);
     *clear = (double)INFINITY;
-    if (s.unseen > pandis__limit_key(s.limit)) return s.face;
+    if (!pandis__cut_short(&s)) return s.face;
     float squared;
     s.unseen &= ~7;
     memcpy(&squared, &s.unseen, sizeof squared);

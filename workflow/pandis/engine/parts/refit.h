@@ -104,7 +104,7 @@ PANDIS__ONCE PANDIS_API pandis_error pandis_refit_open(
     own->vertices = vertices, own->nodes = nodes, own->around = around,
     own->corners_at = corners_at;
     own->slacks = (const float (*)[2])slacks;
-    own->vertex_normals = NULL;
+    own->vertex_normals = NULL, own->slabs = NULL;
     own->most = INT32_MAX; /* no budget is known that suits all shapes */
     return PANDIS_SUCCESS;
 }

@@ -42,6 +42,21 @@ static int pandis__branch_child(const void *nodes, int32_t node, int place, int3
     return place < b->count;
 }
 
+/* Open the slabs of a mesh's nodes, whose normals must not be longer than 1. */
+PANDIS__ONCE static int pandis__open_slabs(pandis_field *f) {
+    pandis__mesh *m = &f->as.mesh;
+    m->slabs = (const pandis__slabs *)pandis__section(
+        f, "SLAB", (uint64_t)m->node_count, sizeof(pandis__slabs));
+    if (!m->slabs) return 0;
+    for (int32_t i = 0; i < m->node_count; i++)
+        for (int k = 0; k < PANDIS__WIDTH; k++) {
+            const pandis__slabs *s = m->slabs + i;
+            float x = s->normal[0][k], y = s->normal[1][k], z = s->normal[2][k];
+            if (!(x * x + y * y + z * z <= 1 && s->low[k] <= s->high[k])) return 0;
+        }
+    return 1;
+}
+
 /* Open a mesh; every index must be valid. */
 PANDIS__ONCE static int pandis__open_mesh(pandis_field *f) {
     pandis__mesh *m = &f->as.mesh;
@@ -78,6 +93,7 @@ PANDIS__ONCE static int pandis__open_mesh(pandis_field *f) {
         if (!(leaf->slack >= 0 && leaf->slack <= 1e30f && leaf->share >= 0 && leaf->share < 0.5f))
             return 0;
     }
+    if (pandis__has_section(f, "SLAB") && !pandis__open_slabs(f)) return 0;
     return pandis__walk(m->nodes, pandis__node_child, m->node_count, m->leaf_count);
 }
 

@@ -137,6 +137,13 @@ typedef struct {
     int32_t child[PANDIS__WIDTH]; /* a node if >= 0, else the complement of a leaf */
 } pandis__node;
 
+/* For each child of a node, two parallel planes with all of its faces between them: low <=
+ * normal . x <= high. A normal is at most of unit length. Where faces bend little, these planes say
+ * more than a box. */
+typedef struct {
+    float normal[3][PANDIS__WIDTH], low[PANDIS__WIDTH], high[PANDIS__WIDTH];
+} pandis__slabs;
+
 /* Up to eight triangles, rounded: a coordinate is origin + corner * step. They are used to find, in
  * single precision, the triangles that may be nearest. A distance d is too large by at most slack +
  * share * d. */
@@ -158,6 +165,7 @@ typedef struct {
     const double *vertex_normals; /* (V, 3), angle-weighted, unit */
     const pandis__node *nodes;
     const pandis__leaf *leaves;
+    const pandis__slabs *slabs; /* of each node's children; NULL: none */
     /* for a mesh that moves: for each vertex, the face corners at it */
     const int32_t *around, *corners_at;
     const float (*slacks)[2]; /* likewise: slack and share of each leaf */

@@ -15,7 +15,8 @@ from pandis.pipeline.geometry.sampling import Surface
 #: Number of points next to the surface at which queries are tried, in addition to those at vertices
 #: and faces.
 _POINTS = 50_000
-#: Range of these points' offsets from the surface (unit frame), log-uniform.
+#: Range of these points' offsets from the surface (unit frame), log-uniform. Farther away queries
+#: may be cut, because a search visits less there, whatever its limit: see PANDIS__CLOSE.
 _HEIGHTS = 1e-5, 0.1
 #: Range of distances from a vertex or a face's centre, as fractions of the longest edge there.
 _SHARES = 1e-5, 0.1
@@ -93,6 +94,6 @@ def least_limit(first, vertices, faces, *, query):
     enough = first // 2
     while True:
         distance, clear = query(points, enough)
-        if not (clear < np.abs(distance)).any():
+        if not ((clear < np.abs(distance)) & (np.abs(distance) <= _HEIGHTS[1])).any():
             return 2 * enough
         enough *= 2

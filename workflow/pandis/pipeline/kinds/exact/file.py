@@ -11,9 +11,8 @@ from pandis.runtime.field import NativeField
 from pandis.runtime.field.constants import MESH, SHAPE, SHAPES
 from pandis.runtime.field.files import Parts
 
-#: Maximum number of nodes, leaves and faces that a query visits: about a tenth of a tick's time,
-#: and enough for every query on scans. The limit is raised if half of it would cut a query next to
-#: the surface.
+#: Maximum number of nodes, leaves and faces that a query near the surface visits, enough for every
+#: query on scans. The limit is raised if half of it would cut a query next to the surface.
 MOST = 1000
 #: Largest allowed difference between the file's distances and the library's (unit frame).
 _ROUNDING = 1e-12
