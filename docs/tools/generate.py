@@ -189,6 +189,7 @@ def _benchmarks():
             "large": tables.large_table(),
             "refit": tables.refit_table(),
             "throughput": tables.throughput_table(),
+            "labels": tables.labels_table(),
         },
         "contact": {
             "presses": tables.press_table(),

@@ -699,6 +699,23 @@ def throughput_table():
     return "\n".join(parts).rstrip()
 
 
+def labels_table():
+    """Return the table of labels per second on a GPU."""
+    notes, rows = read_figures("labels")
+    table = [
+        "| points | million labels/s | with transfers | compared with the CPU's | signs that differ | distances, at most |",
+        "|---|--:|--:|--:|--:|--:|",
+    ]
+    for row in rows:
+        cells = [
+            row["points"],
+            *(f"{float(row[k]) / 1e6:.3g}" for k in ("per_s", "with_transfers_per_s")),
+        ]
+        cells += [f"{int(row['compared']):,}", row["signs"], f"{float(row['off']):.1e}"]
+        table.append(_row(cells))
+    return _noted(table, notes)
+
+
 def _short(text):
     """Format a percentage; values below 1e-9 are rounding errors, and are written as 0."""
     value = float(text or 0)

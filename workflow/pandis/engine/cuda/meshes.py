@@ -200,16 +200,40 @@ def nearest_face(tree: Tree, p: wp.vec3d) -> Nearest:
     return best
 
 
+@wp.func
+def spread(x: wp.float64) -> wp.int32:
+    """Return the ten bits of a coordinate's place in [-1, 1], two zeros after each."""
+    bits = wp.int32(wp.clamp(wp.float64(512.0) * (x + ONE), ZERO, wp.float64(1023.0)))
+    bits = (bits | (bits << 16)) & 0x030000FF
+    bits = (bits | (bits << 8)) & 0x0300F00F
+    bits = (bits | (bits << 4)) & 0x030C30C3
+    return (bits | (bits << 2)) & 0x09249249
+
+
+@wp.kernel
+def find_places(
+    points: wp.array(dtype=wp.vec3d),
+    places: wp.array(dtype=wp.int32),
+    order: wp.array(dtype=wp.int32),
+):
+    """Compute the points' places on a Z-order curve."""
+    i = wp.tid()
+    p = points[i]
+    places[i] = spread(p[0]) | (spread(p[1]) << 1) | (spread(p[2]) << 2)
+    order[i] = i
+
+
 @wp.kernel
 def label(
     tree: Tree,
     points: wp.array(dtype=wp.vec3d),
+    order: wp.array(dtype=wp.int32),
     on_surface: wp.float64,
     distances: wp.array(dtype=wp.float64),
     normals: wp.array(dtype=wp.vec3d),
 ):
     """Compute signed distances and directions, as `pandis.engine.bvh.Bvh.label` does."""
-    i = wp.tid()
+    i = order[wp.tid()]
     p = points[i]
     best = nearest_face(tree, p)
     n = pseudonormal(tree, best.face, best.foot)
@@ -281,12 +305,28 @@ class MeshLabels:
         At distances up to ``on_surface``, the direction is the pseudonormal.
         """
         with self._lock, wp.ScopedStream(self._stream):
-            queries = self._there(np.asarray(points, np.float64), wp.vec3d)
-            distances = wp.empty(len(queries), dtype=wp.float64, device=self.device)
-            normals = wp.empty(len(queries), dtype=wp.vec3d, device=self.device)
-            arguments = [self._tree, queries, wp.float64(on_surface)]
-            wp.launch(label, len(queries), arguments, [distances, normals], device=self.device)
+            distances, normals = self.launch(self.upload(points), on_surface)
             return distances.numpy(), normals.numpy()
+
+    def upload(self, points):
+        """Return points (n, 3) as an array on the device."""
+        return self._there(np.asarray(points, np.float64), wp.vec3d)
+
+    def launch(self, queries, on_surface):
+        """Return `label`'s results as arrays on the device; the launch is not waited for.
+
+        Neighbouring threads take neighbouring points, which visit the same boxes.
+        """
+        count = len(queries)
+        places = wp.empty(2 * count, dtype=wp.int32, device=self.device)  # half of it for sorting
+        order = wp.empty(2 * count, dtype=wp.int32, device=self.device)
+        wp.launch(find_places, count, [queries], [places, order], device=self.device)
+        wp.utils.radix_sort_pairs(places, order, count)
+        distances = wp.empty(count, dtype=wp.float64, device=self.device)
+        normals = wp.empty(count, dtype=wp.vec3d, device=self.device)
+        arguments = [self._tree, queries, order, wp.float64(on_surface)]
+        wp.launch(label, count, arguments, [distances, normals], device=self.device)
+        return distances, normals
 
 
 def _depth(boxes, children):
