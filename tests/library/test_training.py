@@ -1,4 +1,6 @@
 import math
+import subprocess
+import sys
 
 import numpy as np
 import pytest
@@ -18,13 +20,13 @@ from pandis.pipeline.kinds.network.training import trainer as trainer_module
 from pandis.pipeline.kinds.network.training.batches import TrainingPoints, vertex_points
 from pandis.pipeline.kinds.network.training.elements import sines
 from pandis.pipeline.kinds.network.training.network import Siren
-from pandis.pipeline.kinds.network.training.optimiser import orthogonal
+from pandis.pipeline.kinds.network.training.optimiser import Optimiser, orthogonal
 from pandis.pipeline.kinds.network.training.products import product
 from pandis.pipeline.kinds.network.training.trainer import Trainer
 from pandis.pipeline.run.ask.options import SampleOptions
 from pandis.pipeline.run.ask.recipes import ExactRecipe, PaperRecipe
 from pandis.pipeline.run.job.stage import silent_progress
-from support import artifact, sample
+from support import ROOT, artifact, environment, sample
 
 
 @pytest.fixture(scope="module")
@@ -150,6 +152,42 @@ def test_orthogonal_step_has_singular_values_near_one():
 
 def gradient_of(parameter):
     return torch.zeros_like(parameter) if parameter.grad is None else parameter.grad.clone()
+
+
+def test_adam_is_torchs_bit_for_bit():
+    """With other rates at every step, and from a checkpoint of either."""
+    generator = torch.Generator().manual_seed(0)
+    network = Siren(32, 3, 15.0, outputs=4, generator=generator)
+    copies = [p.detach().clone().requires_grad_() for p in network.parameters()]
+    optimiser, theirs = Optimiser(network, 1e-2, None), torch.optim.Adam(copies, fused=True)
+    for step in range(20):
+        optimiser.set_share(1 / (1 + step))
+        theirs.param_groups[0]["lr"] = 1e-2 / (1 + step)
+        for one, other in zip(network.parameters(), copies, strict=True):
+            one.grad = torch.randn(one.shape, generator=generator)
+            other.grad = one.grad.clone()
+        optimiser.step(), theirs.step()
+        for one, other in zip(network.parameters(), copies, strict=True):
+            assert torch.equal(one, other)
+        if step == 9:
+            optimiser.restore({"adam": theirs.state_dict(), "momenta": []})
+    stored, wanted = optimiser.state()["adam"]["state"], theirs.state_dict()["state"]
+    for index, values in wanted.items():
+        assert all(torch.equal(stored[index][key], value) for key, value in values.items())
+
+
+def test_a_training_does_not_load_torchs_compiler():
+    """It takes seconds, longer than a short training on a GPU."""
+    program = (
+        "import sys, torch\n"
+        "from pandis.pipeline.kinds.network.training.network import Siren\n"
+        "from pandis.pipeline.kinds.network.training import trainer\n"
+        "network = Siren(16, 2, 15.0, outputs=1, generator=torch.Generator())\n"
+        "trainer.Optimiser(network, 1e-3, 0.05)\n"
+        "assert 'torch._dynamo' not in sys.modules and 'sympy' not in sys.modules\n"
+    )
+    command = [sys.executable, "-c", program]
+    subprocess.run(command, env=environment(PYTHONPATH=str(ROOT / "workflow")), check=True)
 
 
 def test_initialisation_is_sirens():

@@ -12,6 +12,8 @@ from pandis.pipeline.kinds.network.training.products import product
 #: Coefficients of the quintic iteration that brings singular values near one (Jordan 2024).
 _QUINTIC = (3.4445, -4.7750, 2.0315)
 _ROUNDS = 5
+#: Names of what Adam stores for each parameter.
+_STATE = "step", "exp_avg", "exp_avg_sq"
 
 
 def orthogonal(matrices):
@@ -40,6 +42,42 @@ def orthogonal(matrices):
     return x
 
 
+class _Adam:
+    """The steps of ``torch.optim.Adam(fused=True)``, bit for bit.
+
+    That class imports torch's compiler, which takes seconds, longer than a short training on a GPU.
+    """
+
+    def __init__(self, parameters, device):
+        self.parameters = parameters
+        self.means, self.squares = ([torch.zeros_like(p) for p in parameters] for _ in range(2))
+        self.steps = [torch.zeros((), device=device) for _ in parameters]
+        # on a GPU a tensor, so that the rate of a recorded step can change
+        self.rate = torch.zeros((), device=device) if device.type == "cuda" else 0.0
+
+    def step(self, share, learning_rate):
+        """Take a step of ``share`` times the learning rate."""
+        if torch.is_tensor(self.rate):
+            torch.mul(share, learning_rate, out=self.rate)
+        torch._foreach_add_(self.steps, 1)
+        torch._fused_adam_(
+            self.parameters, [p.grad for p in self.parameters], self.means, self.squares, [],
+            self.steps, lr=self.rate, beta1=0.9, beta2=0.999, weight_decay=0.0, eps=1e-8,
+            amsgrad=False, maximize=False,
+        )  # fmt: skip
+
+    def state(self):
+        """Return the state, in the form of ``torch.optim.Adam``."""
+        rows = zip(self.steps, self.means, self.squares, strict=True)
+        return {"state": {i: dict(zip(_STATE, row, strict=True)) for i, row in enumerate(rows)}}
+
+    def restore(self, state):
+        """Restore a `state`."""
+        for index, row in enumerate(zip(self.steps, self.means, self.squares, strict=True)):
+            for key, current in zip(_STATE, row, strict=True):
+                current.copy_(state["state"][index][key])
+
+
 class Optimiser:
     """Adam on all parameters, or Adam on some and Muon on the hidden matrices.
 
@@ -63,26 +101,19 @@ class Optimiser:
         device = network.weights[0].device
         self.matrices = hidden
         self.momenta = [torch.zeros_like(p) for p in hidden]
-        # a tensor, so that the rate of a recorded step can change
-        graph = device.type == "cuda"
-        rate = torch.tensor(0.0, device=device) if graph else 0.0
         self.share = torch.zeros((), device=device)
-        self.adam = torch.optim.Adam(others, lr=rate, fused=True, capturable=graph)
+        self.adam = _Adam(others, device)
 
     def set_share(self, share):
         """Set the step sizes to ``share`` times their largest values."""
         self.share.fill_(share)
-        for group in self.adam.param_groups:
-            if not torch.is_tensor(group["lr"]):
-                group["lr"] = share * self.learning_rate
+        if not torch.is_tensor(self.adam.rate):
+            self.adam.rate = share * self.learning_rate
 
     @torch.no_grad()
     def step(self):
         """Take a step, using the gradients stored in the parameters."""
-        for group in self.adam.param_groups:
-            if torch.is_tensor(group["lr"]):  # so that a recorded step follows the share
-                torch.mul(self.share, self.learning_rate, out=group["lr"])
-        self.adam.step()
+        self.adam.step(self.share, self.learning_rate)
         if not self.matrices:
             return
         gradients = [matrix.grad for matrix in self.matrices]
@@ -93,10 +124,10 @@ class Optimiser:
 
     def state(self):
         """Return the state that a checkpoint must store."""
-        return {"adam": self.adam.state_dict(), "momenta": self.momenta}
+        return {"adam": self.adam.state(), "momenta": self.momenta}
 
     def restore(self, state):
         """Restore a `state`."""
-        self.adam.load_state_dict(state["adam"])
+        self.adam.restore(state["adam"])
         for momentum, stored in zip(self.momenta, state["momenta"], strict=True):
             momentum.copy_(stored)
