@@ -914,9 +914,10 @@ PANDIS_API int pandis_poses_step(pandis_poses *poses, pandis_scene *scene, doubl
 /* number of boxes and faces that a search visits before it reads slabs or, in a packed mesh, goes
  * on best-first */
 #define PANDIS__SOON 192
-/* The budget of a mesh may be large because queries next to its surface need it. Farther away than
- * this (unit frame) a search visits at most so many boxes and faces, and then so many boxes until
- * nothing can be nearer than its result by more than the doubt. */
+/* The budget of a mesh may be large because queries next to its surface need it. A search that ends
+ * farther away than this (unit frame) gets a sixteenth of it, but at least AWAY and at most four
+ * times as much. After that it visits up to CERTAIN boxes until nothing can be nearer than its
+ * result by more than the doubt. */
 #define PANDIS__CLOSE 0.15
 #define PANDIS__AWAY 500
 #define PANDIS__CERTAIN 4000
@@ -1890,11 +1891,13 @@ static int32_t pandis__nearest(
     const pandis__mesh *t, const double *p, double limit, double *clear) {
     pandis__seeking s;
     int kept = 0, limited = t->most < INT32_MAX;
+    int32_t few = t->most / 16 < 4 * PANDIS__AWAY ? t->most / 16 : 4 * PANDIS__AWAY;
+    few = few > PANDIS__AWAY ? few : PANDIS__AWAY;
     s.limit = limit, s.squared = limit * limit, s.face = INT32_MAX, s.count = 0;
     pandis__descend(t, p, 0, limited ? PANDIS__SOON : INT32_MAX, &s);
     int away = s.limit > PANDIS__CLOSE;
     while (limited && pandis__cut_short(&s)) {
-        pandis__descend(t, p, 0, away ? PANDIS__AWAY : t->most, &s);
+        pandis__descend(t, p, 0, away ? few : t->most, &s);
         if (!pandis__cut_short(&s)) break;
         int32_t unseen = s.unseen;
         pandis__descend(t, p, PANDIS__DOUBT, PANDIS__CERTAIN, &s);

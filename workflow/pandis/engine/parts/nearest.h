@@ -261,11 +261,13 @@ static int32_t pandis__nearest(
     const pandis__mesh *t, const double *p, double limit, double *clear) {
     pandis__seeking s;
     int kept = 0, limited = t->most < INT32_MAX;
+    int32_t few = t->most / 16 < 4 * PANDIS__AWAY ? t->most / 16 : 4 * PANDIS__AWAY;
+    few = few > PANDIS__AWAY ? few : PANDIS__AWAY;
     s.limit = limit, s.squared = limit * limit, s.face = INT32_MAX, s.count = 0;
     pandis__descend(t, p, 0, limited ? PANDIS__SOON : INT32_MAX, &s);
     int away = s.limit > PANDIS__CLOSE;
     while (limited && pandis__cut_short(&s)) {
-        pandis__descend(t, p, 0, away ? PANDIS__AWAY : t->most, &s);
+        pandis__descend(t, p, 0, away ? few : t->most, &s);
         if (!pandis__cut_short(&s)) break;
         int32_t unseen = s.unseen;
         pandis__descend(t, p, PANDIS__DOUBT, PANDIS__CERTAIN, &s);
