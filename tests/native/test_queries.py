@@ -159,7 +159,7 @@ BODIES = {
     "ball": lambda: (0.9 * SHAPES["sphere"].tessellation()[0], SHAPES["sphere"].tessellation()[1]),
     "torus": lambda: SHAPES["torus"].tessellation(400, 200),
     "cone": lambda: cone(4000),
-    "bicone": lambda: bicone(4000),
+    "bicone": lambda: bicone(30_000),
 }
 
 
@@ -180,9 +180,56 @@ def test_a_cut_distance_is_certain_to_a_thousandth(name, monkeypatch):
         field = NativeField(source)
         distance, clear = np.abs(field.query(points).distance), field.clear(points)
         assert (clear <= exact).all()
-        assert (distance >= exact * (1 - 1e-14)).all()
+        assert (distance >= exact * (1 - 1e-12)).all()
         doubt[key] = (distance - clear).max()
-    assert 0 < doubt["slabs"] < 1e-3 < doubt["boxes"]
+    assert 0 < doubt["slabs"] < 1e-3
+    assert doubt["boxes"] > 1e-3 or name != "bicone"  # fewer boxes overlap in the others
+
+
+def brush(count):
+    """Return thin rods around a thin rod, along (1, 1, 1): boxes and slabs tell nothing apart."""
+    along = np.ones(3) / np.sqrt(3)
+    across = np.cross(along, [1, 0, 0.3])
+    across /= np.linalg.norm(across)
+    axes = np.stack([across, np.cross(along, across)])
+    turn, corner = (2 * np.pi * np.arange(n) / n for n in (count, 3))
+    middles = 0.3 * np.stack([np.cos(turn), np.sin(turn)], 1) @ axes
+    prism = 1e-3 * np.stack([np.cos(corner), np.sin(corner)], 1) @ axes
+    prism = np.concatenate([prism - 0.7 * along, prism + 0.7 * along])
+    faces = np.array([[0, 2, 1], [3, 4, 5], [0, 1, 4], [0, 4, 3], [1, 2, 5], [1, 5, 4], [2, 0, 3],
+                      [2, 3, 5]])  # fmt: skip
+    middles = np.concatenate([middles, np.zeros((1, 3))])
+    vertices = (middles[:, None] + prism).reshape(-1, 3)
+    return vertices, (faces + 6 * np.arange(count + 1)[:, None, None]).reshape(-1, 3), axes
+
+
+def test_next_to_a_surface_the_limit_holds_though_others_seem_nearer(monkeypatch):
+    """A search that has met only far faces must not take itself to be far away."""
+    monkeypatch.setattr("pandis.pipeline.kinds.exact.file.least_limit", lambda *_, **__: 1 << 20)
+    vertices, faces, axes = brush(5000)
+    body, rng = Body(vertices, faces, UNIT), np.random.default_rng(1)
+    field = NativeField(export.native_bytes(ExactField("exact", body), {}))
+    turn, away = rng.uniform(0, 6, 100), 1e-3 + 10 ** rng.uniform(-4, -1, 100)
+    points = (away * [np.cos(turn), np.sin(turn)]).T @ axes + rng.uniform(-0.1, 0.1, (100, 1))
+    answer, exact = field.query(points), body.distance.distance_and_normal(points, check=False)[0]
+    assert np.abs(exact).max() < 0.15
+    assert not (answer.flag == CUT).any()
+    assert np.array_equal(answer.distance, exact)
+
+
+def test_of_a_rough_ball_the_bound_is_not_given_up(monkeypatch):
+    """Where the doubt cannot be had within the budget, a larger one can."""
+    monkeypatch.setattr("pandis.pipeline.kinds.exact.file.least_limit", lambda *_, **__: 1000)
+    vertices, faces = BODIES["ball"]()
+    rough = np.random.default_rng(3).uniform(-0.01, 0.01, (len(vertices), 1))
+    body = Body(vertices / 1.02 * (1 + rough), faces, UNIT)
+    field = NativeField(export.native_bytes(ExactField("exact", body), {}))
+    points = middle(200, 1e-3)
+    exact = np.abs(body.distance.distance_and_normal(points, check=False)[0])
+    clear = field.clear(points)
+    assert (field.query(points).flag == CUT).mean() > 0.5
+    assert (clear <= exact).all()
+    assert (clear > 0.9 * exact).all()
 
 
 def test_slabs_that_could_lie_are_refused():
@@ -243,7 +290,9 @@ def test_a_limit_has_a_margin_of_two(needed):
     """Points that were not tried can need more: with just enough a fan of 500 sectors was cut."""
 
     def query(points, most):
-        return np.full(len(points), 0.1), np.full(len(points), np.inf if most >= needed else 0)
+        return np.full(len(points), 0.05), np.full(
+            len(points), np.inf if most >= needed or not most else 0
+        )
 
     limit = least_limit(1000, *cone(8), query=query)
     assert 2 * needed <= limit <= max(1000, 4 * needed)

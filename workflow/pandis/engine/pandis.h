@@ -376,20 +376,22 @@ PANDIS_API const char *pandis_provenance(const pandis_field *field, size_t *size
 PANDIS_API void pandis_query(
     const pandis_field *field, const double point[3], pandis_answer *answer);
 
-/* [rt] Query one point as pandis_query does, bit for bit, if the surface is nearer than a reach.
- * Else the flag may be PANDIS_BEYOND: no surface is nearer than answer->clear, which is the reach
- * (or less, if the search was cut short); the side is unknown, and distance, normal and slope are
- * NaN. For meshes this takes a few box tests at any distance. For other fields, and for a negative
- * or NaN reach, the result is that of pandis_query.
+/* [rt] Query one point as pandis_query does, bit for bit, if the surface is nearer than a reach
+ * (but a search with a reach may come to its end where the other is cut: PANDIS_CUT). Else the flag
+ * may be PANDIS_BEYOND: no surface is nearer than answer->clear, which is the reach (or less, if
+ * the search was cut short); the side is unknown, and distance, normal and slope are NaN. For
+ * meshes this takes a few box tests at any distance. For other fields, and for a negative or NaN
+ * reach, the result is that of pandis_query.
  *
  * point    mesh units
  * reach    mesh units, from 0 on */
 PANDIS_API void pandis_query_within(
     const pandis_field *field, const double point[3], double reach, pandis_answer *answer);
 
-/* [rt] Query one point as pandis_query does, bit for bit. For `exact` meshes this is faster if the
- * previous point with the same hint was near. It is slower in the middle of a ball, where very many
- * faces are about equally near. Other fields do not use the hint.
+/* [rt] Query one point as pandis_query does, bit for bit (but a search with a hint may come to its
+ * end where the other is cut: PANDIS_CUT). For `exact` meshes this is faster if the previous point
+ * with the same hint was near. It is slower in the middle of a ball, where very many faces are
+ * about equally near. Other fields do not use the hint.
  *
  * point    mesh units
  * hint     all zero before the first query */
@@ -1154,7 +1156,7 @@ PANDIS__INLINE void pandis__sines(float *z, const float *bias, float *cosines) {
         pandis__ints quarter = (pandis__ints)sum, odd = -(quarter & 1), change;
         change = ((pandis__ints)s ^ (pandis__ints)c) & odd; /* exchanges sine and cosine */
         pandis__ints a = (pandis__ints)s ^ change, b = (pandis__ints)c ^ change;
-        a ^= (quarter & 2) << 30, b ^= ((quarter + 1) & 2) << 30; /* signs */
+        a ^= -(quarter >> 1 & 1) & INT32_MIN, b ^= -((quarter + 1) >> 1 & 1) & INT32_MIN;
         s = (pandis__vector)a + none, c = (pandis__vector)b + none;
         memcpy(z + at, &s, sizeof s), memcpy(cosines + at, &c, sizeof c);
     }
@@ -1320,6 +1322,12 @@ static int32_t pandis__key(float squared) {
 static int32_t pandis__soon(int32_t most) {
     int32_t soon = most / 4 > PANDIS__SOON ? most / 4 : PANDIS__SOON;
     return most < INT32_MAX && most > soon ? soon : most;
+}
+
+/* The part of a budget that is spent far from the surface. */
+static int32_t pandis__few(int32_t most) {
+    int32_t few = most / 16 < 4 * PANDIS__AWAY ? most / 16 : 4 * PANDIS__AWAY;
+    return few > PANDIS__AWAY ? few : PANDIS__AWAY;
 }
 
 typedef struct {
@@ -1885,24 +1893,28 @@ static int pandis__cut_short(const pandis__seeking *s) {
 
 /* Find the nearest face within `limit`, by its distance in double precision; INT32_MAX if there is
  * none. If the search was cut short, `clear` becomes a lower bound of the distances to all other
- * faces; else infinite. The budget is small far from the surface, and the file's close to it. Once
- * it is spent, make sure that nothing is nearer than the nearest face by more than the doubt. */
+ * faces; else infinite. With a limit it ends early, and the caller repeats it without. The budget
+ * is small unless a face may be close. Once it is spent, more and more boxes are skipped until a
+ * search ends within its own budget, which bounds by how much a face can be nearer. */
 static int32_t pandis__nearest(
     const pandis__mesh *t, const double *p, double limit, double *clear) {
     pandis__seeking s;
-    int kept = 0, limited = t->most < INT32_MAX;
-    int32_t few = t->most / 16 < 4 * PANDIS__AWAY ? t->most / 16 : 4 * PANDIS__AWAY;
-    few = few > PANDIS__AWAY ? few : PANDIS__AWAY;
+    int kept = 0, limited = t->most < INT32_MAX, again = limited && !(limit < (double)INFINITY);
     s.limit = limit, s.squared = limit * limit, s.face = INT32_MAX, s.count = 0;
     pandis__descend(t, p, 0, limited ? PANDIS__SOON : INT32_MAX, &s);
     int away = s.limit > PANDIS__CLOSE;
-    while (limited && pandis__cut_short(&s)) {
-        pandis__descend(t, p, 0, away ? few : t->most, &s);
+    while (again && pandis__cut_short(&s)) {
+        pandis__descend(t, p, 0, away ? pandis__few(t->most) : t->most, &s);
         if (!pandis__cut_short(&s)) break;
         int32_t unseen = s.unseen;
-        pandis__descend(t, p, PANDIS__DOUBT, PANDIS__CERTAIN, &s);
-        s.unseen = unseen > s.unseen ? unseen : s.unseen;
-        if (!away || s.limit > PANDIS__CLOSE) break;
+        /* keys have the rounding of single precision, so the doubt grows with the distance */
+        for (double gap = PANDIS__DOUBT + 2e-5 * s.limit;; gap = fmax(4 * gap, s.limit / 16)) {
+            pandis__descend(t, p, gap, PANDIS__CERTAIN, &s);
+            unseen = unseen > s.unseen ? unseen : s.unseen;
+            if (s.left >= 0 || gap >= s.limit) break;
+        }
+        s.unseen = unseen;
+        again = away && unseen <= pandis__limit_key(PANDIS__CLOSE);
         away = 0;
     }
     for (int i = 0; i < s.count; i++)

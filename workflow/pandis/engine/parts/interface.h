@@ -81,20 +81,22 @@ PANDIS_API const char *pandis_provenance(const pandis_field *field, size_t *size
 PANDIS_API void pandis_query(
     const pandis_field *field, const double point[3], pandis_answer *answer);
 
-/* [rt] Query one point as pandis_query does, bit for bit, if the surface is nearer than a reach.
- * Else the flag may be PANDIS_BEYOND: no surface is nearer than answer->clear, which is the reach
- * (or less, if the search was cut short); the side is unknown, and distance, normal and slope are
- * NaN. For meshes this takes a few box tests at any distance. For other fields, and for a negative
- * or NaN reach, the result is that of pandis_query.
+/* [rt] Query one point as pandis_query does, bit for bit, if the surface is nearer than a reach
+ * (but a search with a reach may come to its end where the other is cut: PANDIS_CUT). Else the flag
+ * may be PANDIS_BEYOND: no surface is nearer than answer->clear, which is the reach (or less, if
+ * the search was cut short); the side is unknown, and distance, normal and slope are NaN. For
+ * meshes this takes a few box tests at any distance. For other fields, and for a negative or NaN
+ * reach, the result is that of pandis_query.
  *
  * point    mesh units
  * reach    mesh units, from 0 on */
 PANDIS_API void pandis_query_within(
     const pandis_field *field, const double point[3], double reach, pandis_answer *answer);
 
-/* [rt] Query one point as pandis_query does, bit for bit. For `exact` meshes this is faster if the
- * previous point with the same hint was near. It is slower in the middle of a ball, where very many
- * faces are about equally near. Other fields do not use the hint.
+/* [rt] Query one point as pandis_query does, bit for bit (but a search with a hint may come to its
+ * end where the other is cut: PANDIS_CUT). For `exact` meshes this is faster if the previous point
+ * with the same hint was near. It is slower in the middle of a ball, where very many faces are
+ * about equally near. Other fields do not use the hint.
  *
  * point    mesh units
  * hint     all zero before the first query */

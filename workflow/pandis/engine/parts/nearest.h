@@ -255,24 +255,28 @@ static int pandis__cut_short(const pandis__seeking *s) {
 
 /* Find the nearest face within `limit`, by its distance in double precision; INT32_MAX if there is
  * none. If the search was cut short, `clear` becomes a lower bound of the distances to all other
- * faces; else infinite. The budget is small far from the surface, and the file's close to it. Once
- * it is spent, make sure that nothing is nearer than the nearest face by more than the doubt. */
+ * faces; else infinite. With a limit it ends early, and the caller repeats it without. The budget
+ * is small unless a face may be close. Once it is spent, more and more boxes are skipped until a
+ * search ends within its own budget, which bounds by how much a face can be nearer. */
 static int32_t pandis__nearest(
     const pandis__mesh *t, const double *p, double limit, double *clear) {
     pandis__seeking s;
-    int kept = 0, limited = t->most < INT32_MAX;
-    int32_t few = t->most / 16 < 4 * PANDIS__AWAY ? t->most / 16 : 4 * PANDIS__AWAY;
-    few = few > PANDIS__AWAY ? few : PANDIS__AWAY;
+    int kept = 0, limited = t->most < INT32_MAX, again = limited && !(limit < (double)INFINITY);
     s.limit = limit, s.squared = limit * limit, s.face = INT32_MAX, s.count = 0;
     pandis__descend(t, p, 0, limited ? PANDIS__SOON : INT32_MAX, &s);
     int away = s.limit > PANDIS__CLOSE;
-    while (limited && pandis__cut_short(&s)) {
-        pandis__descend(t, p, 0, away ? few : t->most, &s);
+    while (again && pandis__cut_short(&s)) {
+        pandis__descend(t, p, 0, away ? pandis__few(t->most) : t->most, &s);
         if (!pandis__cut_short(&s)) break;
         int32_t unseen = s.unseen;
-        pandis__descend(t, p, PANDIS__DOUBT, PANDIS__CERTAIN, &s);
-        s.unseen = unseen > s.unseen ? unseen : s.unseen;
-        if (!away || s.limit > PANDIS__CLOSE) break;
+        /* keys have the rounding of single precision, so the doubt grows with the distance */
+        for (double gap = PANDIS__DOUBT + 2e-5 * s.limit;; gap = fmax(4 * gap, s.limit / 16)) {
+            pandis__descend(t, p, gap, PANDIS__CERTAIN, &s);
+            unseen = unseen > s.unseen ? unseen : s.unseen;
+            if (s.left >= 0 || gap >= s.limit) break;
+        }
+        s.unseen = unseen;
+        again = away && unseen <= pandis__limit_key(PANDIS__CLOSE);
         away = 0;
     }
     for (int i = 0; i < s.count; i++)

@@ -48,7 +48,7 @@ PANDIS__INLINE void pandis__sines(float *z, const float *bias, float *cosines) {
         pandis__ints quarter = (pandis__ints)sum, odd = -(quarter & 1), change;
         change = ((pandis__ints)s ^ (pandis__ints)c) & odd; /* exchanges sine and cosine */
         pandis__ints a = (pandis__ints)s ^ change, b = (pandis__ints)c ^ change;
-        a ^= (quarter & 2) << 30, b ^= ((quarter + 1) & 2) << 30; /* signs */
+        a ^= -(quarter >> 1 & 1) & INT32_MIN, b ^= -((quarter + 1) >> 1 & 1) & INT32_MIN;
         s = (pandis__vector)a + none, c = (pandis__vector)b + none;
         memcpy(z + at, &s, sizeof s), memcpy(cosines + at, &c, sizeof c);
     }

@@ -23,6 +23,12 @@ static int32_t pandis__soon(int32_t most) {
     return most < INT32_MAX && most > soon ? soon : most;
 }
 
+/* The part of a budget that is spent far from the surface. */
+static int32_t pandis__few(int32_t most) {
+    int32_t few = most / 16 < 4 * PANDIS__AWAY ? most / 16 : 4 * PANDIS__AWAY;
+    return few > PANDIS__AWAY ? few : PANDIS__AWAY;
+}
+
 typedef struct {
     int32_t key, child;
 } pandis__waiting;

@@ -81,7 +81,7 @@ def least_limit(first, vertices, faces, *, query):
     vertices : ndarray, shape (V, 3), unit frame
     faces : ndarray, shape (F, 3)
     query : callable
-        Takes points (n, 3) and a limit; returns (distance, clear), each (n,), as
+        Takes points (n, 3) and a limit (0: none); returns (distance, clear), each (n,), as
         `pandis.engine.packing.distance_and_clear` does.
 
     Returns
@@ -91,9 +91,10 @@ def least_limit(first, vertices, faces, *, query):
     rng = np.random.default_rng(0)
     near = near_surface(vertices, faces, _POINTS, rng=rng)
     points = np.concatenate([at_corners(vertices, faces, rng), near])
+    points = points[np.abs(query(points, 0)[0]) <= _HEIGHTS[1]]
     enough = first // 2
     while True:
         distance, clear = query(points, enough)
-        if not ((clear < np.abs(distance)) & (np.abs(distance) <= _HEIGHTS[1])).any():
+        if not (clear < np.abs(distance)).any():
             return 2 * enough
         enough *= 2
