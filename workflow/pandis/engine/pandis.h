@@ -922,7 +922,7 @@ PANDIS_API int pandis_poses_step(pandis_poses *poses, pandis_scene *scene, doubl
  * result by more than the doubt. */
 #define PANDIS__CLOSE 0.15
 #define PANDIS__AWAY 500
-#define PANDIS__CERTAIN 8000
+#define PANDIS__CERTAIN 4000
 #define PANDIS__DOUBT 0.9e-3
 #define PANDIS__SLACK 16 /* bytes after the last block that are read but not used */
 #define PANDIS__BLOCK 64 /* maximum number of faces, and of corners, per block of a packed mesh */
