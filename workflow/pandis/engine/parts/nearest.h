@@ -261,9 +261,9 @@ static int pandis__cut_short(const pandis__seeking *s) {
 static int32_t pandis__nearest(
     const pandis__mesh *t, const double *p, double limit, double *clear) {
     pandis__seeking s;
-    int kept = 0, limited = t->most < INT32_MAX, again = limited && !(limit < (double)INFINITY);
+    int kept = 0, again = t->most < INT32_MAX && !(limit < (double)INFINITY);
     s.limit = limit, s.squared = limit * limit, s.face = INT32_MAX, s.count = 0;
-    pandis__descend(t, p, 0, limited ? PANDIS__SOON : INT32_MAX, &s);
+    pandis__descend(t, p, 0, t->most < INT32_MAX ? PANDIS__SOON : INT32_MAX, &s);
     int away = s.limit > PANDIS__CLOSE;
     while (again && pandis__cut_short(&s)) {
         pandis__descend(t, p, 0, away ? pandis__few(t->most) : t->most, &s);
@@ -286,12 +286,7 @@ static int32_t pandis__nearest(
     /* the only candidate is certainly nearer than the limit */
     if (kept == 1 && s.face == INT32_MAX && s.limit < limit) s.face = s.maybe[0].face;
     else pandis__settle(t, p, &s);
-    *clear = (double)INFINITY;
-    if (!pandis__cut_short(&s)) return s.face;
-    float squared;
-    s.unseen &= ~7;
-    memcpy(&squared, &s.unseen, sizeof squared);
-    *clear = sqrt((double)squared);
+    *clear = pandis__cut_short(&s) ? pandis__distance_of(s.unseen) : (double)INFINITY;
     return s.face;
 }
 

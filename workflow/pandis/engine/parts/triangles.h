@@ -17,6 +17,14 @@ static int32_t pandis__key(float squared) {
     return key | 7;
 }
 
+/* The distance that a key stands for. */
+static double pandis__distance_of(int32_t key) {
+    float squared;
+    key &= ~7;
+    memcpy(&squared, &key, sizeof squared);
+    return sqrt((double)squared);
+}
+
 /* The part of a budget that is spent in tree order: most queries need no more. */
 static int32_t pandis__soon(int32_t most) {
     int32_t soon = most / 4 > PANDIS__SOON ? most / 4 : PANDIS__SOON;
