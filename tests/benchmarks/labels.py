@@ -18,6 +18,8 @@ from pathlib import Path
 import numpy as np
 from common import SCANS, load, notes
 
+from pandis.pipeline.geometry.sampling import Surface
+
 COLUMNS = ("points", "faces", "per_s", "with_transfers_per_s", "compared", "signs", "off")
 TIMES, AROUND, COMPARED = 5, 0.01, 10
 
@@ -30,12 +32,7 @@ def prepare(path, mesh="bunny"):
 
 def places(vertices, faces, count, rng):
     """Yield the name of each set of points, and the points."""
-    corners = vertices[faces]
-    areas = np.linalg.norm(
-        np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1
-    )
-    chosen = corners[rng.choice(len(faces), count, p=areas / areas.sum())]
-    feet = np.einsum("nk,nkd->nd", rng.dirichlet((1, 1, 1), count), chosen)
+    feet = rng.permutation(Surface(vertices, faces).draw(count, rng)[0])
     yield "near the surface", feet + rng.normal(0, AROUND, feet.shape)
     yield "in the box", rng.uniform(-1, 1, (count, 3))
 

@@ -238,8 +238,9 @@ def test_slabs_that_could_lie_are_refused():
     data = export.native_bytes(ExactField("exact", body), {})
     table = data.index(b"SLAB")
     start = int.from_bytes(data[table + 8 : table + 16], "little")
-    for bad in (np.float32(1.01), np.float32(np.nan)):
-        changed = data[:start] + bad.tobytes() + data[start + 4 :]
+    low = start + 96
+    for at, bad in ((start, 1.01), (start, np.nan), (low, np.nan), (low, 1e9), (low + 32, -1e9)):
+        changed = data[:at] + np.float32(bad).tobytes() + data[at + 4 :]
         with pytest.raises(ArtifactError, match="inconsistent"):
             NativeField(renamed(changed, b"SLAB", b"SLAB"))
 

@@ -45,8 +45,8 @@
  * filled, and set a real-time priority for the thread (SCHED_FIFO). A query allocates nothing,
  * locks nothing and makes no system call. Its time hardly depends on the position, except for
  * meshes: where very many faces are about equally near (the middle of a finely tessellated ball), a
- * query can take some hundreds of times as long as usual. It is cut short after the number of steps
- * that its file allows: see PANDIS_CUT.
+ * query can take some hundreds of times as long as usual. It is cut short after a limited number
+ * of steps, which depends on the file: see PANDIS_CUT.
  *
  * This header comes from pandis, a workflow that makes, measures and exports distance fields of
  * triangle meshes for haptic rendering. The header needs nothing else from it.
@@ -916,10 +916,10 @@ PANDIS_API int pandis_poses_step(pandis_poses *poses, pandis_scene *scene, doubl
 /* number of boxes and faces that a search visits before it reads slabs or, in a packed mesh, goes
  * on best-first */
 #define PANDIS__SOON 192
-/* The budget of a mesh may be large because queries next to its surface need it. A search that ends
- * farther away than this (unit frame) gets a sixteenth of it, but at least AWAY and at most four
- * times as much. After that it visits up to CERTAIN boxes until nothing can be nearer than its
- * result by more than the doubt. */
+/* The budget of a mesh may be large because queries next to its surface need it. A search whose
+ * nearest face is farther than CLOSE (unit frame) gets a sixteenth of the budget, but at least AWAY
+ * and at most four times AWAY. If that is not enough, further searches, of up to CERTAIN boxes and
+ * faces each, prove that nothing is nearer by more than DOUBT, or by more than a larger number. */
 #define PANDIS__CLOSE 0.15
 #define PANDIS__AWAY 500
 #define PANDIS__CERTAIN 4000
@@ -1669,8 +1669,7 @@ PANDIS__INLINE void pandis__box_keys(const pandis__node *PANDIS__RESTRICT n,
         keys[i] = n->low[0][i] > n->high[0][i] ? INT32_MAX : (keys[i] & ~7) | i;
 }
 
-/* Raise the keys of a node's boxes to the squared distances from the slabs that hold their
- * contents.
+/* Raise the keys of a node's boxes to the squared distances from the slabs around their contents.
  */
 PANDIS__INLINE void pandis__slab_keys(const pandis__slabs *PANDIS__RESTRICT s,
     const float *PANDIS__RESTRICT p, int32_t *PANDIS__RESTRICT keys) {

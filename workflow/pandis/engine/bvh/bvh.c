@@ -270,8 +270,8 @@ static void leaves_below(const Bvh *t, int32_t child, int32_t *first, int32_t *e
     *first = ~child, *end = ~last + 1;
 }
 
-/* Find the slab of a child: the planes across the mean normal of its faces that hold all of them.
- */
+/* Find the slab of a child: two planes across the mean normal of its faces, with all faces between
+ * them. */
 static void find_slab(const Bvh *t, int32_t child, int place, pandis__slabs *out) {
     int32_t first, end;
     double sum[3] = {0}, low = INFINITY, high = -INFINITY;

@@ -102,10 +102,10 @@
 /* number of boxes and faces that a search visits before it reads slabs or, in a packed mesh, goes
  * on best-first */
 #define PANDIS__SOON 192
-/* The budget of a mesh may be large because queries next to its surface need it. A search that ends
- * farther away than this (unit frame) gets a sixteenth of it, but at least AWAY and at most four
- * times as much. After that it visits up to CERTAIN boxes until nothing can be nearer than its
- * result by more than the doubt. */
+/* The budget of a mesh may be large because queries next to its surface need it. A search whose
+ * nearest face is farther than CLOSE (unit frame) gets a sixteenth of the budget, but at least AWAY
+ * and at most four times AWAY. If that is not enough, further searches, of up to CERTAIN boxes and
+ * faces each, prove that nothing is nearer by more than DOUBT, or by more than a larger number. */
 #define PANDIS__CLOSE 0.15
 #define PANDIS__AWAY 500
 #define PANDIS__CERTAIN 4000

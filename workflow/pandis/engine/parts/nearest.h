@@ -23,8 +23,7 @@ PANDIS__INLINE void pandis__box_keys(const pandis__node *PANDIS__RESTRICT n,
         keys[i] = n->low[0][i] > n->high[0][i] ? INT32_MAX : (keys[i] & ~7) | i;
 }
 
-/* Raise the keys of a node's boxes to the squared distances from the slabs that hold their
- * contents.
+/* Raise the keys of a node's boxes to the squared distances from the slabs around their contents.
  */
 PANDIS__INLINE void pandis__slab_keys(const pandis__slabs *PANDIS__RESTRICT s,
     const float *PANDIS__RESTRICT p, int32_t *PANDIS__RESTRICT keys) {

@@ -45,8 +45,8 @@
  * filled, and set a real-time priority for the thread (SCHED_FIFO). A query allocates nothing,
  * locks nothing and makes no system call. Its time hardly depends on the position, except for
  * meshes: where very many faces are about equally near (the middle of a finely tessellated ball), a
- * query can take some hundreds of times as long as usual. It is cut short after the number of steps
- * that its file allows: see PANDIS_CUT.
+ * query can take some hundreds of times as long as usual. It is cut short after a limited number
+ * of steps, which depends on the file: see PANDIS_CUT.
  *
  * This header comes from pandis, a workflow that makes, measures and exports distance fields of
  * triangle meshes for haptic rendering. The header needs nothing else from it.

@@ -308,8 +308,8 @@ class NativeField:
 
         def part(low, high):
             x, d, n, flag = (at + low * k for at, k in zip(starts, (24, 8, 24, 1), strict=True))
-            last = lengths.ctypes.data + 8 * low if slopes else None
-            self._library.runtime_query(self._field, x, high - low, d, n, flag, last)
+            slope = lengths.ctypes.data + 8 * low if slopes else None
+            self._library.runtime_query(self._field, x, high - low, d, n, flag, slope)
 
         # networks are slow enough for a second thread to pay off early
         in_threads(part, count, small=_FEW if self.kind == NETWORK else SMALL)

@@ -41,12 +41,8 @@ class File(FieldFile):
             len(sections["TREE"]) // NODE_BYTES,
             len(sections["LEAF"]) // LEAF_BYTES,
         ]
-        return Parts(
-            MESH,
-            [*counts, self._least() if self._most is None else self._most],
-            [engine.reach],
-            sections,
-        )
+        most = self._least() if self._most is None else self._most
+        return Parts(MESH, [*counts, most], [engine.reach], sections)
 
     def _least(self):
         """Return the limit on nodes, leaves and faces per query: see `least_limit`."""

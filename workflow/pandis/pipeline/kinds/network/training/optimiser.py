@@ -46,6 +46,7 @@ class _Adam:
     """The steps of ``torch.optim.Adam(fused=True)``, bit for bit.
 
     That class imports torch's compiler, which takes seconds, longer than a short training on a GPU.
+    Its kernel is private: tried with torch 2.11 (CUDA) and 2.13 (CPU).
     """
 
     def __init__(self, parameters, device):
