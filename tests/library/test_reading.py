@@ -5,6 +5,7 @@ What a file contains is stated by `counter.py` and `cases.py`, which share no co
 
 import gzip
 import os
+import re
 import zipfile
 
 import numpy as np
@@ -114,6 +115,13 @@ def outcome(path):
     return reading
 
 
+def as_lists(found):
+    """Return an outcome as something that can be compared."""
+    if isinstance(found, str):
+        return found
+    return [a.tolist() if isinstance(a, np.ndarray) else a for a in found]
+
+
 def wrong(found, right):
     """Say what is wrong with an outcome; empty if nothing."""
     if isinstance(found, str):
@@ -130,6 +138,28 @@ def test_a_file_is_read_as_it_was_meant_or_refused_with_its_place(case, tmp_path
     found = outcome(case.write(tmp_path))
     answers = [case.right] + ([case.otherwise] if case.either else [])
     assert not all(wrong(found, right) for right in answers), [wrong(found, r) for r in answers]
+
+
+def test_lines_of_an_obj_that_are_read_in_runs_mean_what_they_mean_one_by_one(tmp_path):
+    """No run contains a line that begins with a space."""
+    rng, path = np.random.default_rng(0), tmp_path / "runs.obj"
+    usual = ["v 0 0 0", "v 1 -2.5 3e-4", "v\t.5 5. +1"]
+    usual += ["f 1 2 3", "f 1/1 2/2/2 3//3", "f 3/ 2 1"]
+    others = """v 1 2 3 ,v 1 2,v 1 2 3 4 5 6,v 1 2 nan,v 1 2 1e999,v 1 2 3 # c,v\v1 2 3,v 1 \\,\\,
+    f 1 2 3 4,f 1 2,f -1 -2 -3,f 1 2 0,f 1 2 99,f 1 2 3///,f 01 2 3,F 1 2 3,f 1 2 3 #,f 1 2 \\,
+    usemtl a,usemtl b,,# c,g x,zz 1 2 3"""
+    lines = usual * 6 + others.replace("\n    ", "").split(",")
+    read_all = 0
+    for _ in range(4_000):
+        chosen = [lines[i] for i in rng.integers(len(lines), size=rng.integers(12))]
+        ends = rng.choice(["\n", "\n", "\n", "\r\n", "\r", ""], size=len(chosen))
+        text = "v 0 0 0\nv 1 0 0\nv 0 1 0\n" + "".join(map("".join, zip(chosen, ends, strict=True)))
+        path.write_text(text, newline="")
+        in_runs = as_lists(outcome(path))
+        path.write_text(re.sub(r"(\A|\r\n|\r|\n)", r"\1 ", text), newline="")
+        assert in_runs == as_lists(outcome(path)), text
+        read_all += not isinstance(in_runs, str)
+    assert 400 < read_all < 3_600
 
 
 def test_what_is_changed_at_random_is_refused_or_read_as_the_counter_does(tmp_path):

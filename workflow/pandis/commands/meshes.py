@@ -7,7 +7,7 @@ from pathlib import Path
 import pandis
 from pandis.base.errors import ConfigError, PandisError, RepairError
 from pandis.base.files import check_output
-from pandis.commands import FINE, REFUSED, UNFIT, USAGE, datasets
+from pandis.commands import FINE, REFUSED, UNFIT, USAGE
 from pandis.commands.options import add_model, add_set, as_flags, options_of
 from pandis.pipeline.api.writing import mesh_format
 from pandis.pipeline.run.ask.datasets import LABELS
@@ -69,7 +69,10 @@ def add_options(name, parser):
     parser.add_argument("--json", action="store_true", help="print a JSON list, one entry per mesh")
     parser.add_argument("--quiet", action="store_true", help="print no progress")
     if name == "labels":
+        from pandis.commands import datasets  # what it imports takes half a second
+
         datasets.add_store_options(parser)
+        parser.set_defaults(datasets=datasets)
     for section in _SECTIONS[name]:
         add_model(parser, section, defaults=LABELS if name == "labels" else None)
     parser.set_defaults(run=lambda words: _Command(name, words).run())
@@ -87,8 +90,8 @@ class _Command:
         words = self.words
         try:
             self.options = options_of(words, _SECTIONS[self.name])
-            if self.name == "labels" and datasets.is_store(words):
-                return datasets.label(words, self.options)
+            if self.name == "labels" and words.datasets.is_store(words):
+                return words.datasets.label(words, self.options)
             outputs = self._outputs()
         except PandisError as error:
             print(f"error: {error}", file=sys.stderr)

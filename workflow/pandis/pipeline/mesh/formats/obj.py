@@ -21,6 +21,12 @@ from pandis.pipeline.mesh.formats.base import words as words_of
 _FREE_FORM = {"surf", "curv", "curv2", "cstype"}
 #: Name of a statement. A line that begins with anything else is damaged.
 _STATEMENT = re.compile(r"[A-Za-z_][A-Za-z0-9_.]*")
+#: Nearly all lines of a file: vertices with three coordinates, and triangles whose indices are
+#: positive. Runs of them are read at once. No run begins below a line that ends with a backslash.
+_RUN = re.compile(
+    rf"(?m)(?<!\\\n)(?<!\\\r\n)^(?:(?P<vertices>(?>v(?>[ \t]+{NUMBER.pattern}){{3}}[ \t]*\r?\n)++)"
+    r"|(?>f(?>[ \t]+[1-9][0-9]{0,17}(?>/[0-9]*){0,2}){3}[ \t]*\r?\n)++)"
+)
 #: A corner of a face: indices of its vertex and, optionally, texture coordinate and normal.
 _CORNER = re.compile(r"(-?[0-9]{1,18})(/(-?[0-9]+)?){0,2}")
 
@@ -47,9 +53,17 @@ def read(path, folder=None):
     del folder
     rows, at, polygons, where, names, name = [], [], [], [], [], UNNAMED
     unknown = []
-    for line, words in _statements(text_of(path.read_bytes(), "OBJ")):
-        key = words[0]
-        if key == "v":
+    for line, words, run in _statements(text_of(path.read_bytes(), "OBJ")):
+        key = words[0] if words else None
+        if run and run["vertices"]:
+            rows += _triples(run[0].replace("v", " ").split())
+            at += range(line, line + len(rows) - len(at))
+        elif run:
+            corners = re.sub(r"/[0-9/]*|f", " ", run[0]).split()
+            polygons += _triples([int(corner) - 1 for corner in corners])
+            where += range(line, line + len(polygons) - len(where))
+            names += [name] * (len(polygons) - len(names))
+        elif key == "v":
             if len(words) < 4:
                 raise FormatError(
                     f"line {line}: a vertex has only {len(words) - 1} numbers; {AGAIN}"
@@ -97,10 +111,26 @@ def _is_place(words):
     return len(words) > 2 and all(NUMBER.fullmatch(word) for word in words)
 
 
+def _triples(items):
+    return zip(items[::3], items[1::3], items[2::3], strict=True)
+
+
 def _statements(text):
+    """Yield the line number and the words of each statement, or a run of statements as a match."""
+    line, end = 1, 0
+    for run in [*_RUN.finditer(text), None]:
+        lines = lines_of(text[end : run.start() if run else None])
+        yield from ((*statement, None) for statement in _single(lines, line))
+        if run:
+            line += len(lines) - 1
+            yield line, None, run
+            line, end = line + run[0].count("\n"), run.end()
+
+
+def _single(lines, start):
     """Yield the line number and the words of each statement; a final backslash continues a line."""
     begun, first = [], 0
-    for line, content in enumerate(lines_of(text), 1):
+    for line, content in enumerate(lines, start):
         if content.endswith("\\"):
             first = first or line
             begun += words_of(content[:-1])
