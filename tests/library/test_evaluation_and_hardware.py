@@ -14,7 +14,6 @@ from pandis.pipeline.judge.servo.load import busy_cores
 from pandis.pipeline.judge.servo.validation import NO_ATTACHED, _longest_run, validate
 from pandis.pipeline.judge.timing.timing import summarise, time_queries
 from pandis.pipeline.kinds.field import Field
-from pandis.pipeline.report.render import render
 from pandis.pipeline.report.tables import COLUMNS, summary_rows, to_csv
 from pandis.pipeline.run.ask.options import HardwareOptions, TimingOptions
 from pandis.pipeline.run.job.machine import describe
@@ -26,7 +25,6 @@ from pandis.runtime.field import NativeField
 from pandis.runtime.field.constants import SHAPE
 from pandis.runtime.field.files import Parts, pack
 from pandis.runtime.servo import run_ticks
-from support import box_mesh
 from verdicts import SOUND, WHOLE, changed, validated
 
 FRAME = Frame((0.0, 0.0, 0.0), 0.5)
@@ -294,27 +292,6 @@ def test_a_field_that_needs_a_path_is_judged_on_the_path_alone():
     timing = TimingRecord(fields={}, machine={})
     rows = summary_rows("m", [EvaluationRecord(**attributes, **more), timing, *nothing], {})
     assert [row["shallow_mean"] for row in rows] == [0, ""]
-
-
-def test_render_shows_the_mesh_where_it_is():
-    vertices, faces = box_mesh()
-    image = render(vertices * 0.5, faces, size=120, view=(0, 0, 1))
-    assert image.shape == (120, 120, 4)
-    rows, columns = np.nonzero(image[..., 3])
-    width, height = np.ptp(columns) + 1, np.ptp(rows) + 1
-    assert width / height == pytest.approx(1 / 0.7, rel=0.05)
-    assert width == pytest.approx(120 * 0.78 / 2, abs=2)
-    # without holes, though points fall at random
-    assert image[rows.min() : rows.max() + 1, columns.min() : columns.max() + 1, 3].all()
-
-
-def test_render_hides_what_lies_behind():
-    vertices, faces = box_mesh()
-    path = np.array([[-0.4, 0, 0.0], [0.4, 0, 0.0]])
-    red = (200, 40, 40)
-    for z, seen in ((0.26, True), (-0.26, False)):
-        image = render(vertices * 0.5, faces, size=120, view=(0, 0, 1), points=path + [0, 0, z])
-        assert (image[..., :3] == red).all(axis=2).any() == seen
 
 
 def test_progress_reports_rate_and_what_is_left(monkeypatch):

@@ -1,11 +1,9 @@
-"""Renders a mesh without a graphics library, from dense surface points and a depth buffer."""
+"""Renders a mesh without a graphics library, by scan lines and a depth buffer."""
 
 import struct
 import zlib
 
 import numpy as np
-
-from pandis.pipeline.geometry.sampling import Surface
 
 #: Default direction to the eye: the front (+z), a little toward +x and +y (up).
 VIEW = (0.45, 0.35, 1.0)
@@ -13,6 +11,8 @@ VIEW = (0.45, 0.35, 1.0)
 _UP = (0.0, 1.0, 0.0)
 #: Supersampling: pixels drawn along each side of an output pixel.
 _FINER = 2
+#: Spans of pixels that are drawn together, which limits the memory.
+_TOGETHER = 500_000
 
 
 def to_png(image):
@@ -59,43 +59,86 @@ def render(vertices, faces, size=560, *, view=VIEW, points=None, colours=None):
 
 def _draw(vertices, faces, size, *, axes, points, colours):
     """Draw a mesh without smoothing: see `render`."""
-    whole = Surface(vertices, faces)
-    # the solid is closed, so faces that point away are hidden
-    front = np.flatnonzero(whole.normals @ axes[2] > 0)
-    surface = Surface(vertices, np.asarray(faces)[front])
-    count = round(10 * size * size * surface.areas.sum() / whole.areas.sum())
-    position, normal, face, _ = surface.draw(count, np.random.default_rng(0))
-    face = front[face]
-    row, column, depth = project(position, axes, size)
-    # from far to near, so that the nearest point in a pixel is written last
-    order = np.argsort(depth, kind="stable")
-    row, column = row[order], column[order]
-    image = np.zeros((size, size, 4), np.uint8)
-    buffer = np.full((size, size), -np.inf)
-    n = (normal @ axes.T)[order]
+    corners = project(vertices, axes, size)[faces]
+    seen, buffer = _nearest_faces(corners, size)
+    row, column = np.nonzero(seen >= 0)
+    face = seen[row, column]
+    sides = vertices[faces[face, 1:]] - vertices[faces[face, :1]]
+    n = np.cross(sides[:, 0], sides[:, 1])
+    n = n / np.linalg.norm(n, axis=1, keepdims=True) @ axes.T
     light = np.clip(n @ _unit([-0.35, 0.55, 0.75]), 0, 1) * 0.75 + 0.25 * (0.5 + 0.5 * n[:, 1])
-    base = np.array([176, 190, 214]) if colours is None else colours[face[order]]
-    colour = np.clip(light[:, None] * base + 26, 0, 255)
-    image[row, column, :3] = colour.astype(np.uint8)
+    base = np.array([176, 190, 214]) if colours is None else colours[face]
+    image = np.zeros((size, size, 4), np.uint8)
+    image[row, column, :3] = np.clip(light[:, None] * base + 26, 0, 255).astype(np.uint8)
     image[row, column, 3] = 255
-    buffer[row, column] = depth[order]
-    _close_pinholes(image, buffer)
     if points is not None:
         _draw_path(image, buffer, points, axes=axes, size=size)
     return image
 
 
-def _close_pinholes(image, buffer):
-    """Colour each empty pixel that has at least three covered neighbours like one of them."""
-    covered = image[..., 3] > 0
-    steps = ((0, 1), (0, -1), (1, 0), (-1, 0))
-    around = sum(np.roll(covered, step, (0, 1)).astype(int) for step in steps)
-    row, column = np.nonzero(~covered & (around >= 3))
-    for down, right in steps:
-        beside = (row + down) % len(image), (column + right) % len(image)
-        take = covered[beside]
-        for layer in (image, buffer):
-            layer[row[take], column[take]] = layer[beside][take]
+def _nearest_faces(corners, size):
+    """Return the nearest front-facing triangle behind the middle of each pixel, and its depth.
+
+    Parameters
+    ----------
+    corners : ndarray, shape (F, 3, 3)
+        Column, row and depth of each triangle's corners.
+    size : int
+
+    Returns
+    -------
+    seen : ndarray, shape (size, size), int64
+        -1 where there is none.
+    buffer : ndarray, shape (size, size)
+    """
+    seen, buffer = np.full(size * size, -1), np.full(size * size, -np.inf)
+    u, v = (corners[:, 1:] - corners[:, :1]).transpose(1, 2, 0)
+    area = u[1] * v[0] - u[0] * v[1]  # rows count downwards
+    # the solid is closed, so faces that point away are hidden
+    front = np.flatnonzero(area > 0)
+    slope = np.stack([v[2] * u[1] - u[2] * v[1], u[2] * v[0] - v[2] * u[0]])[:, front] / area[front]
+    corners = corners[front]
+    first, last = (_pixel(f(axis=1), size) for f in (corners[..., 1].min, corners[..., 1].max))
+    work = np.cumsum(last - first + area[front] / 2) // _TOGETHER
+    for part in np.split(np.arange(len(front)), np.flatnonzero(np.diff(work)) + 1):
+        face, row = _ranges(part, first[part], last[part])
+        span, column = _ranges(np.arange(len(face)), *_span(corners[face], row, size))
+        face, row = face[span], row[span]
+        x, y, z = corners[face, 0].T
+        depth = z + slope[0, face] * (column + 0.5 - x) + slope[1, face] * (row + 0.5 - y)
+        pixel = row * size + column
+        np.maximum.at(buffer, pixel, depth)
+        nearest = depth == buffer[pixel]
+        seen[pixel[nearest]] = front[face[nearest]]
+    return seen.reshape(size, size), buffer.reshape(size, size)
+
+
+def _span(corners, row, size):
+    """Return the first column of each triangle in a row, and the one after its last."""
+    left, right = np.full(len(row), np.inf), np.full(len(row), -np.inf)
+    for a, b in ((0, 1), (1, 2), (2, 0)):
+        upwards = corners[:, a, 1] > corners[:, b, 1]
+        low = np.where(upwards[:, None], corners[:, b], corners[:, a])
+        high = np.where(upwards[:, None], corners[:, a], corners[:, b])
+        way, down = (high - low).T[:2], row + 0.5 - low[:, 1]
+        with np.errstate(divide="ignore", invalid="ignore"):  # an edge along the row
+            x = low[:, 0] + down * (way[0] / way[1])
+        crossed = (down >= 0) & (down < way[1])
+        left, right = (np.where(crossed, f(x, end), end)
+                       for f, end in ((np.minimum, left), (np.maximum, right)))  # fmt: skip
+    return _pixel(left, size), _pixel(right, size)
+
+
+def _pixel(place, size):
+    """Return the first pixel whose middle is not before a place."""
+    return np.ceil(np.clip(place - 0.5, 0, size)).astype(np.int64)
+
+
+def _ranges(items, start, stop):
+    """Return each item once for every whole number from its start to its stop, and the numbers."""
+    counts = np.maximum(stop - start, 0)
+    behind = np.arange(counts.sum()) - np.repeat(np.cumsum(counts) - counts, counts)
+    return np.repeat(items, counts), np.repeat(start, counts) + behind
 
 
 def camera(view, up):
@@ -106,12 +149,10 @@ def camera(view, up):
 
 
 def project(points, axes, size):
-    """Return row, column and depth (toward the eye) of points in orthographic projection."""
+    """Return column, row and depth (toward the eye) of points in orthographic projection."""
     x, y, depth = (points @ axes.T).T
     half = size / 2
-    column = np.clip(half + x * half * 0.78, 0, size - 1).astype(np.int64)
-    row = np.clip(half - y * half * 0.78, 0, size - 1).astype(np.int64)
-    return row, column, depth
+    return np.stack([half + 0.78 * half * x, half - 0.78 * half * y, depth], axis=-1)
 
 
 def _draw_path(image, buffer, points, *, axes, size):
@@ -119,7 +160,8 @@ def _draw_path(image, buffer, points, *, axes, size):
     length = np.linalg.norm(way, axis=1)
     whole = length <= 8 * np.median(length)  # a longer step jumps to where the path starts again
     dense = (points[:-1][whole, None] + steps[:, None] * way[whole, None]).reshape(-1, 3)
-    row, column, depth = project(dense, axes, size)
+    column, row, depth = project(dense, axes, size).T
+    row, column = (np.clip(at, 0, size - 1).astype(np.int64) for at in (row, column))
     # the path runs below the surface: allow for the depth of penetration
     seen = depth > buffer[row, column] - 0.06
     for dr in range(-_FINER, _FINER + 1):
