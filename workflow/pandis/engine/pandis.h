@@ -1669,8 +1669,7 @@ PANDIS__INLINE void pandis__box_keys(const pandis__node *PANDIS__RESTRICT n,
         keys[i] = n->low[0][i] > n->high[0][i] ? INT32_MAX : (keys[i] & ~7) | i;
 }
 
-/* Raise the keys of a node's boxes to the squared distances from the slabs around their contents.
- */
+/* Raise the keys of a node's boxes to the squared distances from the slabs of their contents. */
 PANDIS__INLINE void pandis__slab_keys(const pandis__slabs *PANDIS__RESTRICT s,
     const float *PANDIS__RESTRICT p, int32_t *PANDIS__RESTRICT keys) {
     float out[PANDIS__WIDTH], rounding = 1e-6f * (fabsf(p[0]) + fabsf(p[1]) + fabsf(p[2]));
@@ -1833,14 +1832,14 @@ PANDIS__INLINE double pandis__seem(
     return small ? (double)least * (step * step) : -1;
 }
 
-/* Collect the triangles of a leaf that may be nearest. */
-PANDIS__INLINE void pandis__look_into(
+/* Collect the triangles of a leaf that may be nearest. Returns what `pandis__seem` does. */
+PANDIS__INLINE double pandis__look_into(
     const pandis__mesh *t, const pandis__leaf *leaf, const double *p, pandis__seeking *s) {
     double seems[PANDIS__WIDTH], farthest;
     float slack[2];
     double least = pandis__seem(t, leaf, p, seems, slack);
     s->left--;
-    if (least > (farthest = pandis__may_seem(s->limit, slack))) return;
+    if (least > (farthest = pandis__may_seem(s->limit, slack))) return least;
     double most =
         least >= 0 ? sqrt(least) * (1 + (double)slack[1]) + (double)slack[0] : (double)INFINITY;
     if (most < s->limit) s->limit = most, farthest = pandis__may_seem(most, slack);
@@ -1851,6 +1850,7 @@ PANDIS__INLINE void pandis__look_into(
         s->maybe[s->count].seems = seems[i], s->maybe[s->count].face = leaf->face[i];
         memcpy(s->maybe[s->count++].slack, slack, sizeof slack);
     }
+    return least;
 }
 
 /* Descend with a budget of nodes, leaves and faces, the nearest box first. Boxes whose contents are
@@ -1898,6 +1898,19 @@ static int pandis__cut_short(const pandis__seeking *s) {
     return s->unseen <= pandis__limit_key(s->limit);
 }
 
+/* Choose the nearest face within `limit` from those that a search has collected. */
+PANDIS__INLINE void pandis__choose(
+    const pandis__mesh *t, const double *p, double limit, pandis__seeking *s) {
+    int kept = 0;
+    for (int i = 0; i < s->count; i++)
+        if (s->maybe[i].seems <= pandis__may_seem(s->limit, s->maybe[i].slack))
+            s->maybe[kept++] = s->maybe[i];
+    s->count = kept;
+    /* the only candidate is certainly nearer than the limit */
+    if (kept == 1 && s->face == INT32_MAX && s->limit < limit) s->face = s->maybe[0].face;
+    else pandis__settle(t, p, s);
+}
+
 /* Find the nearest face within `limit`, by its distance in double precision; INT32_MAX if there is
  * none. If the search was cut short, `clear` becomes a lower bound of the distances to all other
  * faces; else infinite. With a limit it ends early, and the caller repeats it without. The budget
@@ -1906,7 +1919,7 @@ static int pandis__cut_short(const pandis__seeking *s) {
 static int32_t pandis__nearest(
     const pandis__mesh *t, const double *p, double limit, double *clear) {
     pandis__seeking s;
-    int kept = 0, again = t->most < INT32_MAX && !(limit < (double)INFINITY);
+    int again = t->most < INT32_MAX && !(limit < (double)INFINITY);
     s.limit = limit, s.squared = limit * limit, s.face = INT32_MAX, s.count = 0;
     pandis__descend(t, p, 0, t->most < INT32_MAX ? PANDIS__SOON : INT32_MAX, &s);
     int away = s.limit > PANDIS__CLOSE;
@@ -1924,19 +1937,12 @@ static int32_t pandis__nearest(
         again = away && unseen <= pandis__limit_key(PANDIS__CLOSE);
         away = 0;
     }
-    for (int i = 0; i < s.count; i++)
-        if (s.maybe[i].seems <= pandis__may_seem(s.limit, s.maybe[i].slack))
-            s.maybe[kept++] = s.maybe[i];
-    s.count = kept;
-    /* the only candidate is certainly nearer than the limit */
-    if (kept == 1 && s.face == INT32_MAX && s.limit < limit) s.face = s.maybe[0].face;
-    else pandis__settle(t, p, &s);
+    pandis__choose(t, p, limit, &s);
     *clear = pandis__cut_short(&s) ? pandis__distance_of(s.unseen) : (double)INFINITY;
     return s.face;
 }
 
-/* Bit mask of a node's boxes that a segment from a point meets beyond the share `from` of its
- * length. */
+/* Bit mask of a node's boxes that a segment meets beyond the share `from` of its length. */
 static int pandis__nodes_between(
     const pandis__node *node, const double *p, const double *way, double from) {
     int met = 0;
@@ -6024,7 +6030,7 @@ PANDIS__ONCE PANDIS_API void pandis_close(pandis_field *field) {
 PANDIS__ONCE PANDIS_API const char *pandis_error_text(pandis_error error) {
     switch (error) {
     case PANDIS_SUCCESS: return "no error";
-    case PANDIS_ERROR_FILE: return "the file cannot be read";
+    case PANDIS_ERROR_FILE: return "the file is missing or cannot be read";
     case PANDIS_ERROR_FORMAT: return "this is not a .pandis file";
     case PANDIS_ERROR_ENDIAN: return "the byte order of the file differs from this machine's";
     case PANDIS_ERROR_VERSION:

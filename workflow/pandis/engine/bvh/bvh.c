@@ -87,43 +87,7 @@ static const double *corner(const Bvh *t, int32_t face, int k) {
 #include "build.h"
 #include "branches.h"
 
-/* Whether another closest point is about as near, in a direction that differs by more than the
- * angle. */
-static int has_tie(const Bvh *t, const pandis__mesh *m, const double *p, const Foot *foot,
-    double relative, double cosine) {
-    int32_t stack[STACK], keys[WIDTH];
-    float q[3] = {(float)p[0], (float)p[1], (float)p[2]};
-    double reach = foot->distance * (1 + relative), limit = reach * reach;
-    int32_t within = pandis__limit_key(reach);
-    int top = 0;
-    stack[top++] = 0;
-    while (top) {
-        int32_t child = stack[--top];
-        if (child >= 0) {
-            pandis__box_keys(t->nodes + child, q, keys);
-            for (int i = 0; i < WIDTH; i++)
-                if (keys[i] <= within) stack[top++] = t->nodes[child].child[i];
-            continue;
-        }
-        const Leaf *leaf = t->leaves + ~child;
-        double seems[WIDTH];
-        float slack[2];
-        pandis__seem(m, leaf, p, seems, slack);
-        for (int i = 0; i < WIDTH; i++) {
-            int32_t face = leaf->face[i], four[PANDIS__FOUR] = {face, face, face, face};
-            double squared[PANDIS__FOUR];
-            if (face < 0 || seems[i] > pandis__may_seem(reach, slack)) continue;
-            pandis__four_squared(m, four, p, squared);
-            if (!(squared[0] <= limit)) continue;
-            Foot second;
-            pandis__find_mesh_foot(m, face, p, &second);
-            if (dot(second.offset, foot->offset) < cosine * second.distance * foot->distance)
-                return 1;
-        }
-    }
-    return 0;
-}
-
+#include "ties.h"
 #include "winding.h"
 
 /* -------------------- answers */
@@ -203,6 +167,7 @@ void bvh_label(const Bvh *t, const double *points, const int64_t *order, int64_t
     double closest[3]; /* to the last point; at first any surface point */
     memcpy(closest, corner(t, 0, 0), sizeof closest);
     Recent recent = {.newest = 0};
+    Opened opened;
     for (int64_t at = 0; at < count; at++) {
         int64_t i = order ? order[at] : at;
         const double *p = points + 3 * i;
@@ -214,13 +179,13 @@ void bvh_label(const Bvh *t, const double *points, const int64_t *order, int64_t
             continue;
         }
         Foot foot;
-        double n[3], clear;
+        double n[3];
         uint8_t flag = 0;
         /* the previous closest point bounds the distance, with room for rounding */
         double way[3] = {p[0] - closest[0], p[1] - closest[1], p[2] - closest[2]};
         double limit = sqrt(dot(way, way)) * (1 + 1e-9) + 1e-12 * t->scale;
-        last = pandis__nearest(&m, p, limit, &clear);
-        if (last == INT32_MAX) last = pandis__nearest(&m, p, INFINITY, &clear);
+        last = find_nearest(&m, p, limit, tie_relative, &opened);
+        if (last == INT32_MAX) last = find_nearest(&m, p, INFINITY, tie_relative, &opened);
         pandis__find_mesh_foot(&m, last, p, &foot);
         for (int k = 0; k < 3; k++) closest[k] = p[k] - foot.offset[k];
         pandis__pseudonormal(&m, last, &foot, n);
@@ -231,8 +196,8 @@ void bvh_label(const Bvh *t, const double *points, const int64_t *order, int64_t
         }
         if (foot.distance > on_surface) {
             for (int k = 0; k < 3; k++) normal[3 * i + k] = sign * (foot.offset[k] / foot.distance);
-            if (tie_relative > 0 && has_tie(t, &m, p, &foot, tie_relative, tie_cosine))
-                flag |= FLAG_TIED;
+            Tie tie = {p, &foot, last, foot.distance * (1 + tie_relative), tie_cosine};
+            if (tie_relative > 0 && has_tie(&m, &tie, &opened)) flag |= FLAG_TIED;
         } else {
             memcpy(normal + 3 * i, n, sizeof n);
             flag |= FLAG_ON_SURFACE;

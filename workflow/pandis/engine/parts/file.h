@@ -303,7 +303,7 @@ PANDIS__ONCE PANDIS_API void pandis_close(pandis_field *field) {
 PANDIS__ONCE PANDIS_API const char *pandis_error_text(pandis_error error) {
     switch (error) {
     case PANDIS_SUCCESS: return "no error";
-    case PANDIS_ERROR_FILE: return "the file cannot be read";
+    case PANDIS_ERROR_FILE: return "the file is missing or cannot be read";
     case PANDIS_ERROR_FORMAT: return "this is not a .pandis file";
     case PANDIS_ERROR_ENDIAN: return "the byte order of the file differs from this machine's";
     case PANDIS_ERROR_VERSION:
