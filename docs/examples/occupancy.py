@@ -48,6 +48,8 @@ def rows_of(store, name, chunks):
 def train(store, name, steps, *, one_sign=False):
     """Train, and return the overlap on held-out rows."""
     torch.manual_seed(0)
+    if name not in store.facts:
+        sys.exit(f"there is no mesh {name}; there are {', '.join(store.names[:20])}")
     count = -(-store.facts[name].rows // store.chunk)
     if count < 2:
         raise SystemExit(f"{name} has a single chunk of rows: label with a smaller --chunk")

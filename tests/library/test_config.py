@@ -7,6 +7,7 @@ import yaml
 import generate
 from pandis.base.errors import PandisError
 from pandis.pipeline.run.ask.kinds import KINDS
+from pandis.pipeline.run.ask.options import MeshOptions
 from pandis.pipeline.run.ask.reading import check_yaml, load_config, merge
 from pandis.pipeline.run.plan.plan import Plan
 from pandis.pipeline.run.plan.stages import stage_seed
@@ -124,11 +125,19 @@ def test_mesh_names_and_sources():
     assert "meshes.A b: a mesh's name" in both
     assert "meshes.A b.device.stifness: unknown option; did you mean 'stiffness'?" in both
     assert "meshes.a: expected a mapping" in faults("", a="a.obj")
-    assert "a URL needs the sha256" in faults("", a={"source": "https://example.org/a.obj"})
+    for other in ("", "seed: abc"):  # another fault hides none
+        assert "meshes.a.sha256: a URL needs" in faults(other, a={"source": "https://a.org/a.obj"})
     with pytest.raises(PandisError, match="at least one mesh"):
         load_config({})
     with pytest.raises(PandisError, match=r"meshes.False: YAML reads on, off, .* in quotes"):
         load_config({"meshes": {False: {"source": "a.obj"}}})
+
+
+def test_the_error_of_a_solid_is_a_number_of_mesh_units_or_has_a_unit():
+    for value in (0.2, "0.2", "0.2 mm", "0.1 %", "64 cells", "1024 cells", 3, 1e-5):
+        assert MeshOptions(solid_error=value).solid_error == str(value)
+    for value in ("3 cells", "5000 cells", "0 %", 0, -1, "0.2 furlong", "fine", "", True, None):
+        assert "mesh.solid_error: " in faults(yaml.safe_dump({"mesh": {"solid_error": value}}))
 
 
 def test_numbers_with_exponents():

@@ -78,7 +78,10 @@ def test_every_mesh_is_in_the_store_with_its_rows_or_its_reason(folder, tmp_path
     assert store.summary.ready == 3
     assert store.summary.rows == 3 * 1200
     assert store.facts["box"].repair == []
-    assert store.facts["cup"].kinds or store.facts["cup"].repair
+    cup = store.facts["cup"]
+    assert cup.kinds or cup.repair
+    assert cup.invented == pytest.approx(1 / 6, abs=0.02)  # its lid, however it was closed
+    assert store.facts["box"].invented == 0
     assert (tmp_path / "parts.zarr/card.html").read_text().count("round/ball") >= 1
 
 
@@ -271,6 +274,10 @@ def test_a_store_of_other_options_is_not_mixed(folder, tmp_path):
     with pytest.raises(PandisError, match=r"other options \(samples.near\)"):
         label(folder, store.path, near=100)
     assert files_of(store.path) == before
+    for same in (f"{folder}/", os.path.relpath(folder)):
+        assert label(same, store.path)[1] == 0
+    with pytest.raises(PandisError, match=r"other options \(source\)"):
+        label(folder / "round", store.path)
     changed, computed = label(folder, store.path, near=100, force=True)
     assert computed == 4
     assert changed.summary.rows == 3 * 800

@@ -341,6 +341,8 @@ def scene_of(files, tmp_path):
     folder.mkdir(parents=True)
     for name in ("exact", "compact", "sphere"):
         shutil.copy(files[name], folder / f"{name}.pandis")
+    (tmp_path / "results/ball").mkdir()
+    shutil.copy(files["sphere"], tmp_path / "results/ball/exact.pandis")
     (tmp_path / "elsewhere").mkdir()
     shutil.copy(files["spline"], tmp_path / "elsewhere/spline.pandis")
     objects = {
@@ -348,6 +350,7 @@ def scene_of(files, tmp_path):
         "right": ("results/mesh/export/compact.pandis", (0.2, 0, 0), turned, 0.1),
         "again": ("results/mesh/export/exact.pandis", (0, 0.2, 0), turned, 0.1),
         "spline": ("elsewhere/spline.pandis", (0, 0, 0.2), turned.T, 0.07),
+        "ball": ("results/ball/exact.pandis", (0, 0, 0.4), np.eye(3), 0.1),
     }
     records = []
     for name, (file, position, rotation, size) in objects.items():
@@ -373,7 +376,7 @@ def test_a_scene_is_written_as_a_model(files, tmp_path, capfd):
     data = mujoco.MjData(model)
     mujoco.mj_forward(model, data)
     assert "ends elsewhere" not in capfd.readouterr().err
-    assert [model.body(i + 1).name for i in range(4)] == [each["name"] for each in records]
+    assert [model.body(i + 1).name for i in range(5)] == [each["name"] for each in records]
     assert sorted(path.name for path in tmp_path.glob("*.obj")) == ["table-0.obj"]
     assert model.geom("left").friction[0] == 0.4
     assert model.geom("right").friction[0] == 0

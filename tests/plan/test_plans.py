@@ -9,6 +9,7 @@ import pytest
 import yaml
 
 from pandis.base.errors import ConfigError, PandisError
+from pandis.base.files import file_digest
 from pandis.pipeline.run.plan.plan import Plan
 from support import ROOT, edit, plan, snakemake
 
@@ -139,6 +140,18 @@ def test_a_mesh_with_a_fault_of_its_own_keeps_no_other_from_running(rerun):
     assert jobs - LAST == {("refuse", "torus"), ("refuse", "bad")}
     with pytest.raises(PandisError, match=r"no mesh can be built:\n  meshes.x.source: .*part.step"):
         Plan({"meshes": {"x": {"source": "part.step"}}}, ROOT / "workflow")
+
+
+def test_a_mesh_that_may_not_be_read_keeps_no_other_from_running(tmp_path, monkeypatch):
+    secret = tmp_path / "secret.stl"
+    secret.write_bytes(b"solid")
+    monkeypatch.setattr(os, "access", lambda path, mode: Path(path) != secret)
+    meshes = {"secret": {"source": str(secret)}, "torus": {"source": "analytic:torus"}}
+    made = Plan({"meshes": meshes}, ROOT / "workflow")
+    assert list(made.entries) == ["torus"]
+    assert "secret.stl: the file cannot be read" in made.refused["secret"]
+    with pytest.raises(PandisError, match="cannot be read: Is a directory"):
+        file_digest(tmp_path)
 
 
 def test_evaluation_option_trains_nothing(rerun):
@@ -389,7 +402,8 @@ def test_faults_of_every_part_of_a_configuration_are_reported_at_once():
         "results": "re sults",
         "until": "report",
         "seed": -1,
-        "meshes": {"torus": {"source": "missing.stl"}, "cup": {"source": "analytic:torus", "x": 1}},
+        "meshes": {"torus": {"source": "missing.stl"}, "cup": {"source": "analytic:torus", "x": 1},
+                   "ball": {"source": "analytic:spere"}, "far": {"source": "https://a.org/a.stl"}},
         "scenes": {"table": {"objects": {
             "a": {"mesh": "vase", "field": "exact"}, "b": {"mesh": "cup", "field": "exakt"},
             "c": {"mesh": "cup", "field": "mine"},
@@ -400,10 +414,11 @@ def test_faults_of_every_part_of_a_configuration_are_reported_at_once():
     with pytest.raises(ConfigError) as error:
         Plan(config, ROOT / "workflow")
     for key in ("results", "until", "seed", "meshes.torus.source", "meshes.cup.x",
+                "meshes.ball.source", "meshes.far.sha256",
                 "scenes.table.objects.a.mesh", "scenes.table.objects.b.field",
                 "datasets.parts.source"):  # fmt: skip
         assert f"\n  {key}: " in str(error.value)
-    assert "8 faults" in str(error.value)
+    assert "10 faults" in str(error.value)
 
 
 @pytest.mark.parametrize(

@@ -1,6 +1,7 @@
 """Files that are written completely or not at all."""
 
 import errno
+import hashlib
 import os
 import secrets
 import stat
@@ -8,6 +9,22 @@ from contextlib import suppress
 from pathlib import Path
 
 from pandis.base.errors import PandisError
+
+
+def file_digest(path):
+    """Return the SHA-256 (hex) of a file's bytes.
+
+    Raises
+    ------
+    PandisError
+        The file cannot be read.
+    """
+    try:
+        with Path(path).open("rb") as stream:
+            return hashlib.file_digest(stream, "sha256").hexdigest()
+    except OSError as error:
+        why = error.strerror or error
+        raise PandisError(f"{path}: the file cannot be read: {why}") from error
 
 
 class AtomicFile:

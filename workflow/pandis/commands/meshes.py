@@ -147,7 +147,8 @@ class _Command:
             option = error.option if isinstance(error, RepairError) else {}
             if option:
                 message += f"\n  try again with: {as_flags(option)}"
-            where = "" if message.startswith((path, str(output))) else f"{path}: "
+            known = (path, str(output), getattr(self.words, "field", None) or path)
+            where = "" if message.startswith(known) else f"{path}: "
             print(f"error: {where}{message}", file=sys.stderr)
             row, line = {"mesh": path, "error": str(error), "option": option}, "refused"
         else:
@@ -223,5 +224,5 @@ def _invented(record):
     shares = {"caps": moved["to_source"].get("caps", 0.0)}
     if record.solid:
         shares["thickened sheets"] = record.solid.sheets
-    named = [f"{100 * share:.2g} % {what}" for what, share in shares.items() if share]
+    named = [f"{100 * share:.3g} % {what}" for what, share in shares.items() if share]
     return f"; of the surface {' and '.join(named)} were added" if named else ""

@@ -136,6 +136,8 @@ def _mesh_file(field, path, written):
         return None
     if beside not in written:
         contents = read_contents(beside)
+        if "VERT" not in contents.sections:  # a closed form
+            return None
         corners = np.frombuffer(contents.sections["VERT"], "<f8").reshape(-1, 3)
         faces = np.frombuffer(contents.sections["FACE"], "<i4").reshape(-1, 3)
         file = path.with_name(f"{path.stem}-{len(written)}.obj")

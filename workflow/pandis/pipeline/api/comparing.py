@@ -82,7 +82,7 @@ class Comparison:
             f"{self.field}: {verdict}; {self.bytes:,} bytes",
             *(f"  {why}" for why in self.failed.values()),
             f"  force error: {1e3 * deep['newtons']:.3g} mN on average "
-            f"({100 * deep['relative']:.2g} % of the mean force), largest "
+            f"({100 * deep['relative']:.3g} % of the mean force), largest "
             f"{1e3 * newtons * deep['max']:.3g} mN, for an "
             f"object of {self.size:g} m at {self.stiffness:g} N/m",
             f"  force missing on {100 * deep['missing']:.3g} % of the surface, strongly different "

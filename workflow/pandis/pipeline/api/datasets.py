@@ -70,7 +70,7 @@ def label_meshes(
         why = f"expected a whole number from 1, not {workers!r}"
         raise ConfigError(f"workers: {why}", {"workers": why})
     config = {key: options.pop(key) for key in PLAIN if key in options}
-    config |= sections(options, ("mesh", "samples")) | {"source": os.fspath(source)}
+    config |= sections(options, ("mesh", "samples")) | {"source": os.path.normpath(source)}
     raise_faults(faults_of(DatasetOptions, config))
     dataset = DatasetOptions.model_validate({"seed": 0} | config)
     raise_faults(option_faults(dataset))
@@ -135,6 +135,7 @@ def _begin(folder, dataset, *, force):
     """Refuse a store of other options; note the options of a new one."""
     begun = folder / _OPTIONS
     values = dataset.model_dump(exclude={"seconds", "memory_gb", "shards"})
+    values["source"] = os.path.realpath(dataset.source)  # whatever it is called from elsewhere
     text = json.dumps(plain(values), indent=1) + "\n"
     stored = begun.read_text(encoding="utf-8") if begun.is_file() else None
     if stored not in (None, text):

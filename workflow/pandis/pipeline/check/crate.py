@@ -10,8 +10,7 @@ from pathlib import Path
 from urllib.parse import quote
 
 import pandis
-from pandis.base.files import write_atomically
-from pandis.pipeline.run.job.artifact import file_digest
+from pandis.base.files import file_digest, write_atomically
 from pandis.pipeline.run.job.stored import RESULTS
 
 NAME = "ro-crate-metadata.json"

@@ -9,6 +9,7 @@ import json
 from pathlib import Path
 
 from pandis.base.errors import PandisError
+from pandis.base.files import file_digest
 from pandis.bridges.newton.cache import read as read_kept
 from pandis.pipeline.check.crate import remove_crate, write_crate
 from pandis.pipeline.export.vti import read_note
@@ -18,7 +19,7 @@ from pandis.pipeline.report.tables import summarise, to_csv
 from pandis.pipeline.run.ask.catalogue import RESERVED_NAMES
 from pandis.pipeline.run.ask.sourcing import source_digest, source_files, source_path, url_extension
 from pandis.pipeline.run.host.ending import read_partial_note
-from pandis.pipeline.run.job.artifact import check_seal, file_digest, read_artifact
+from pandis.pipeline.run.job.artifact import check_seal, read_artifact
 from pandis.pipeline.run.job.provenance import needs
 from pandis.pipeline.run.job.stored import RESULTS
 from pandis.pipeline.run.plan.plan import DEFAULT_CONFIG

@@ -215,8 +215,8 @@ def _refuse_equal_places(names, layout):
         key = _tar_key(name) if layout == "webdataset" else "/".join(_place(name).values())
         if key in places:
             raise PandisError(
-                f"{places[key]} and {name} would both be written to {key}: rename one, or give "
-                "names in a table"
+                f"{places[key]} and {name} would both be written to {key}: rename one, or list "
+                "the meshes in a table (.csv) with names"
             )
         places[key] = name
 

@@ -14,6 +14,7 @@ from typing import NamedTuple
 import numpy as np
 
 from pandis.base.errors import PandisError
+from pandis.base.files import file_digest
 from pandis.base.streams import generator
 from pandis.pipeline.dataset.reading import ROWS
 from pandis.pipeline.geometry.body import Body
@@ -25,7 +26,6 @@ from pandis.pipeline.mesh.fetch import fetch
 from pandis.pipeline.run.ask.members import LARGEST, Member
 from pandis.pipeline.run.ask.options import SampleOptions
 from pandis.pipeline.run.ask.sourcing import (
-    file_digest,
     format_of,
     source_digest,
     source_files,
@@ -162,7 +162,7 @@ def _facts(record, body, rows):
     """Return what the index says of a mesh."""
     source, solid = record.source, record.solid
     before, after = record.before, record.after
-    invention = {}
+    invention = {"invented": record.deviation["to_source"]["caps"]}
     if solid:
         invention = {"kinds": solid.kinds, "invented": solid.invented, "sheets": solid.sheets,
                 "openings": len(solid.doors) + len(solid.caps)}  # fmt: skip

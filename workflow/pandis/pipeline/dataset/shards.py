@@ -59,6 +59,7 @@ class ShardBuilder:
         self.works = [self._work(member, code) for member in self._members()]
         self.facts = {}  # by key
         self.old = {}  # shards with rows of a mesh, by key
+        self._outdated = 0
 
     def _members(self):
         """Return the meshes of this shard; refuse others than those of the plan."""
@@ -93,7 +94,11 @@ class ShardBuilder:
                 todo.append(work)
         self._sweep()
         finished = len(self.works) - len(todo)
-        self.log(f"{len(self.works)} meshes, {len(todo)} of them to compute")
+        self.log(
+            f"{len(self.works)} meshes, {len(todo)} of them to compute"
+            + f" ({self._outdated} because the file, an option, the code or a package that it uses "
+            "changed)" * (self._outdated > 0)
+        )
         report, start = progress("meshes", len(self.works), "meshes"), time.monotonic()
         report.resume(finished)
         pool = Pool(workers, seconds=self.options.seconds, memory_gb=self.options.memory_gb)
@@ -152,6 +157,8 @@ class ShardBuilder:
                 key = names.get(facts.name)
                 if self._is_current(facts, key):
                     self.facts[key], self.old[key] = facts, (old, index)
+                elif key is not None and facts.key != key:
+                    self._outdated += 1
 
     def _sweep(self):
         """Remove work of earlier plans."""

@@ -6,6 +6,7 @@ import numpy as np
 
 from pandis.base.arrays import Points, Values
 from pandis.base.errors import PandisError
+from pandis.pipeline.run.ask.sourcing import ANALYTIC, SHAPE_NAMES, source_fault
 
 _TINY = 1e-300
 
@@ -153,7 +154,7 @@ class Capsule:
         return vertices, np.concatenate(faces)
 
 
-SHAPES = {"sphere": Sphere(), "torus": Torus(), "box": Box(), "capsule": Capsule()}
+SHAPES = dict(zip(SHAPE_NAMES, (Sphere(), Torus(), Box(), Capsule()), strict=True))
 
 
 def find_shape(name):
@@ -164,11 +165,8 @@ def find_shape(name):
     PandisError
         There is no shape of this name.
     """
-    if name not in SHAPES:
-        raise PandisError(
-            f"source: 'analytic:{name}' is unknown; closed-form shapes are "
-            + ", ".join(f"analytic:{shape}" for shape in SHAPES)
-        )
+    if fault := source_fault(ANALYTIC + name):
+        raise PandisError(fault)
     return SHAPES[name]
 
 

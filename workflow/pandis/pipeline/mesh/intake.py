@@ -9,12 +9,12 @@ from pathlib import Path
 import numpy as np
 
 from pandis.base.errors import PandisError
+from pandis.base.files import file_digest
 from pandis.pipeline.mesh import tools
 from pandis.pipeline.mesh.formats import FormatError
 from pandis.pipeline.mesh.processes import LimitError, MissingError, ToolError
 from pandis.pipeline.mesh.topology import used_vertices
 from pandis.pipeline.run.ask.sourcing import FORMATS, format_of, source_path
-from pandis.pipeline.run.job.artifact import file_digest
 
 #: Largest size of an unpacked file, in bytes.
 _LARGEST = 16 << 30

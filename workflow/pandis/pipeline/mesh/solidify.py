@@ -92,7 +92,7 @@ def with_solid(error, vertices, faces, *, options):
         return error
     return RepairError(
         f"{error}. Or set `mesh: {{solid: always}}` for this mesh: it can be one closed surface "
-        f"with {100 * solid.facts.invented:.2g} % of its area invented and "
-        f"{100 * solid.facts.sheets:.2g} % thickened (tried at {_TRIAL} cells)",
+        f"with {100 * solid.facts.invented:.3g} % of its area invented and "
+        f"{100 * solid.facts.sheets:.3g} % thickened (tried at {_TRIAL} cells)",
         solid="always",
     )

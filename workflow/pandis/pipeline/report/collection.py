@@ -10,10 +10,11 @@ from types import SimpleNamespace
 import jinja2
 
 from pandis import __version__
+from pandis.base.files import file_digest
 from pandis.base.frame import Frame
 from pandis.pipeline.report.render import render, to_png
 from pandis.pipeline.run.host.processes import each
-from pandis.pipeline.run.job.artifact import file_digest, read_artifact
+from pandis.pipeline.run.job.artifact import read_artifact
 from pandis.pipeline.run.records.mesh import MeshRecord
 from pandis.runtime.info import facts
 

@@ -7,6 +7,7 @@ import numpy as np
 from markupsafe import Markup, escape
 
 from pandis import __version__
+from pandis.base.files import file_digest
 from pandis.base.frame import Frame
 from pandis.base.physical import Scale
 from pandis.bridges.web import script
@@ -29,7 +30,7 @@ from pandis.pipeline.report.view import view
 from pandis.pipeline.run.ask.budget import Limits, describe_figures, describe_force
 from pandis.pipeline.run.ask.catalogue import parse_field
 from pandis.pipeline.run.host.processes import each
-from pandis.pipeline.run.job.artifact import file_digest, read_artifact
+from pandis.pipeline.run.job.artifact import read_artifact
 from pandis.pipeline.run.records.choice import ChoiceRecord
 from pandis.pipeline.run.records.evaluation import EvaluationRecord
 from pandis.pipeline.run.records.hardware import HardwareRecord

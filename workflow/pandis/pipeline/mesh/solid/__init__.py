@@ -4,7 +4,6 @@ The mesh may be open, cross itself, face both ways, or consist of loose triangle
 `pandis.engine.solid` for the lattice, `pandis.pipeline.mesh.solid.rooms` for what is solid.
 """
 
-import re
 from typing import NamedTuple
 
 import numpy as np
@@ -15,10 +14,10 @@ from pandis.pipeline.mesh.deviation import Surface
 from pandis.pipeline.mesh.solid.finish import finish
 from pandis.pipeline.mesh.solid.rooms import solid_rooms
 from pandis.pipeline.mesh.solid.source import MARGIN, source_of
-from pandis.pipeline.run.ask.values import UNITS
+from pandis.pipeline.run.ask.values import CELLS, UNITS, fineness
 
 #: Fewest and most cells along the longest side.
-FEWEST, MOST = 64, 1024
+FEWEST, MOST = CELLS
 #: Cells per error asked for: 99 % of the visible source lies within half a cell of most solids.
 _CELLS_PER_ERROR = 0.5
 #: Largest half width of a door, as a share of the radius of the smaller room.
@@ -82,8 +81,7 @@ def rules_of(options, vertices):
     PandisError
         `mesh.solid_error` is out of range, or its unit is not that of the mesh.
     """
-    number, unit = re.fullmatch(r"([\d.e-]+) ?(.*)", options.solid_error).groups()
-    number, extent = float(number), np.ptp(vertices, axis=0)
+    (number, unit), extent = fineness(options.solid_error), np.ptp(vertices, axis=0)
     if unit != "cells":
         units = {"": 1.0, "%": float(np.linalg.norm(extent)) / 100}
         if options.unit in UNITS and unit in UNITS:
@@ -93,11 +91,12 @@ def rules_of(options, vertices):
                 f"mesh.solid_error: {options.solid_error}: the unit of the mesh is "
                 f"{options.unit}; set `mesh: {{unit: mm}}`, or give the error in mesh units"
             )
-        error = max(number * units[unit], 1e-300)
-        number = np.ceil(float(extent.max()) / error * _CELLS_PER_ERROR) + 2 * MARGIN
+        with np.errstate(over="ignore"):
+            number = extent.max() / (number * units[unit]) * _CELLS_PER_ERROR
+        number = np.ceil(number) + 2 * MARGIN
     if number > MOST:
         raise PandisError(
-            f"mesh.solid_error: {options.solid_error} takes {number:,.0f} cells along the longest "
+            f"mesh.solid_error: {options.solid_error} takes {number:.4g} cells along the longest "
             f"side; {MOST} are possible"
         )
     return SolidRules(

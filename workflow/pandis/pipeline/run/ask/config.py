@@ -147,14 +147,15 @@ class MeshEntry(StageOptions):
         "`pymeshlab:NAME` or `analytic:NAME`"
     )
     sha256: Annotated[str, Field(pattern="^[0-9a-fA-F]{64}$")] | None = Field(
-        None, description="digest of the source file; checked if given"
+        None, validate_default=True, description="digest of the source file; checked if given"
     )
 
-    @model_validator(mode="after")
-    def _url_needs_digest(self):
-        if self.source.startswith(("http://", "https://")) and self.sha256 is None:
-            raise ValueError("source: a URL needs the sha256 of its file")
-        return self
+    @field_validator("sha256")
+    @classmethod
+    def _url_needs_digest(cls, value, info):
+        if value is None and info.data.get("source", "").startswith(("http://", "https://")):
+            raise ValueError("a URL needs the sha256 of its file")
+        return value
 
     @model_validator(mode="after")
     def _formats_need_distances(self):

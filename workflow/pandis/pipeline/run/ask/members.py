@@ -16,10 +16,10 @@ from typing import NamedTuple
 from urllib.parse import urlsplit
 
 from pandis.base.errors import PandisError
+from pandis.base.files import file_digest
 from pandis.pipeline.run.ask.sourcing import (
     FORMATS,
     SourceDigests,
-    file_digest,
     format_of,
     source_fault,
     url_extension,

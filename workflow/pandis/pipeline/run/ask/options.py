@@ -6,7 +6,7 @@ from pydantic import Field, model_validator
 
 from pandis.pipeline.run.ask.catalogue import SIZED, TARGETS
 from pandis.pipeline.run.ask.targets import GridTarget
-from pandis.pipeline.run.ask.values import Count, Options, Positive
+from pandis.pipeline.run.ask.values import Count, Fineness, Options, Positive
 
 
 class MeshOptions(Options):
@@ -65,9 +65,8 @@ class MeshOptions(Options):
         "closed surface around its solid (docs/solid.md). Walls may be invented: the record and "
         "the report say which",
     )
-    solid_error: str = Field(
+    solid_error: Fineness = Field(
         "256 cells",
-        pattern=r"^\d+(\.\d+)?(e-?\d+)? ?(cells|%|[A-Za-zµ]{0,12})$",
         description="how finely a solid is drawn: `256 cells` along the longest side (64 to 1024), "
         "or the error allowed, as `0.1 %` of the diagonal, `0.2` mesh units or `0.2 mm`",
     )

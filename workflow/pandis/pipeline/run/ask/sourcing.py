@@ -15,22 +15,19 @@ from pathlib import Path, PurePosixPath
 from urllib.parse import unquote, urlsplit
 
 from pandis.base.errors import PandisError
+from pandis.base.files import file_digest
 from pandis.engine.cache import cache_folder, keep
 
 FORMATS = ("obj", "ply", "stl", "off", "glb", "gltf", "3mf")
 #: Prefixes of sources that are not the user's files.
 SHIPPED, ANALYTIC = "pymeshlab:", "analytic:"
+#: Names of the closed forms, which `pandis.pipeline.geometry.shapes` defines.
+SHAPE_NAMES = ("sphere", "torus", "box", "capsule")
 #: Suffix of the array beside a mesh file that names a material for each face.
 _REGIONS = ".regions.npy"
 #: Largest mesh file (bytes) that is searched for references to other files. An OBJ file may have
 #: them anywhere.
 _LARGEST = 1 << 30
-
-
-def file_digest(path):
-    """Return the SHA-256 (hex) of a file's bytes."""
-    with Path(path).open("rb") as stream:
-        return hashlib.file_digest(stream, "sha256").hexdigest()
 
 
 def url_extension(source):
@@ -107,7 +104,7 @@ def source_fault(source):
     str or None
     """
     if source.startswith(ANALYTIC):
-        return None  # the stage itself checks the names of closed forms
+        return _shape_fault(source)
     ending = format_of(urlsplit(source).path if url_extension(source) else source)
     if ending not in FORMATS:
         return (
@@ -119,9 +116,18 @@ def source_fault(source):
         path = source_path(source)
     except PandisError as error:
         return str(error)
+    if path is not None and not os.access(path, os.R_OK):
+        return f"source: {source}: the file cannot be read; check its permissions"
     if path is not None and path.stat().st_size == 0:
         return f"source: {source}: the file is empty; export the mesh again"
     return None
+
+
+def _shape_fault(source):
+    if source.removeprefix(ANALYTIC) in SHAPE_NAMES:
+        return None
+    known = ", ".join(f"{ANALYTIC}{name}" for name in SHAPE_NAMES)
+    return f"source: '{source}' is unknown; closed-form shapes are {known}"
 
 
 def regions_file(path):

@@ -33,6 +33,39 @@ def _metres(value):
         return value
 
 
+#: Fewest and most cells of a solid along its longest side.
+CELLS = (64, 1024)
+_FINENESS = r"(\d+(?:\.\d+)?(?:e-?\d+)?) ?([A-Za-zµ%]*)"
+
+
+def fineness(text):
+    """Return the number and the unit of `mesh.solid_error`, as in ``0.2 mm``.
+
+    Raises
+    ------
+    ValueError
+        It is neither a possible number of cells nor an error.
+    """
+    match = re.fullmatch(_FINENESS, text)
+    if not match or match[2] not in ("", "%", "cells", *UNITS) or not float(match[1]) > 0:
+        raise ValueError(
+            "write cells, as 256 cells, or an error: 0.1 % (of the diagonal), 0.2 (mesh units) or "
+            f"0.2 mm (units are {', '.join(UNITS)})"
+        )
+    number, unit = float(match[1]), match[2]
+    if unit == "cells" and not CELLS[0] <= number <= CELLS[1]:
+        raise ValueError(f"{CELLS[0]} to {CELLS[1]} cells are possible")
+    return number, unit
+
+
+def _fineness(value):
+    """Check a fineness, and return it as text."""
+    text = str(value) if type(value) in (int, float) else value
+    if isinstance(text, str):
+        fineness(text)
+    return text
+
+
 _LENGTHS = {
     "anyOf": [
         {"type": "number", "exclusiveMinimum": 0},
@@ -46,6 +79,11 @@ _AMOUNTS = {
         {"type": "string", "pattern": f"^{AMOUNT}$"},
     ]
 }
+Fineness = Annotated[
+    str,
+    BeforeValidator(_fineness),
+    WithJsonSchema({"anyOf": [{"type": "number", "exclusiveMinimum": 0}, {"type": "string"}]}),
+]
 Force = Annotated[float | str, BeforeValidator(_amount), WithJsonSchema(_AMOUNTS)]
 Missed = Annotated[float, Field(gt=0, le=0.005)]
 Place = Annotated[float, Field(ge=-100, le=100)]

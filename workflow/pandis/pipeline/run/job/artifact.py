@@ -284,12 +284,6 @@ def read_artifact(path, kind=None):
     )
 
 
-def file_digest(path):
-    """Return the SHA-256 of a file."""
-    with Path(path).open("rb") as stream:
-        return hashlib.file_digest(stream, "sha256").hexdigest()
-
-
 def _damaged(path, what):
     return ArtifactError(f"{path}: {what}; rebuild it with: snakemake -j2 -R {path}")
 

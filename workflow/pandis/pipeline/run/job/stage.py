@@ -22,12 +22,11 @@ from pathlib import Path
 from threadpoolctl import threadpool_limits
 
 from pandis.base.errors import PandisError
-from pandis.base.files import write_atomically
+from pandis.base.files import file_digest, write_atomically
 from pandis.base.progress import Context
 from pandis.pipeline.run.ask.sourcing import source_digest, source_files
 from pandis.pipeline.run.job.artifact import (
     ArtifactWriter,
-    file_digest,
     read_artifact,
     write_artifact,
 )

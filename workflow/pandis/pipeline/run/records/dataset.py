@@ -43,7 +43,8 @@ class MeshFacts(Record):
         Components of each kind, if it was made solid: see
         `pandis.pipeline.run.records.mesh.Component`.
     invented, sheets : float
-        Shares of the area that caps and doors, and sheets with a thickness, have.
+        Shares of the area that caps and doors, and sheets with a thickness, have. Of a mesh that
+        was repaired exactly, the share of points on caps.
     openings : int
         Caps and doors.
     moved_percent : float
