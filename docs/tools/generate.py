@@ -180,6 +180,7 @@ def _benchmarks():
         "query-time": {
             "native": tables.native_table(),
             "times": tables.time_table(),
+            "peers": tables.peers_table(),
             "worst": tables.worst_table(),
             "scenes": tables.scene_table(),
             "servo": tables.servo_table(),

@@ -304,6 +304,34 @@ def worst_table():
     return _noted(table, notes)
 
 
+#: Ways to ask for distances, the column of `peers_table`, and the figure of a way.
+_PEERS = {
+    "pandis exact": "`exact`",
+    "pandis compact-16": "`compact-16`",
+    "Embree 3, unsigned": "Embree",
+    "fcpw, unsigned": "fcpw",
+    "fcpw, and whether inside": "fcpw and side",
+    "Open3D, signed": "Open3D",
+}
+
+
+def peers_table():
+    """Return the table of distance queries of pandis and of other libraries."""
+    notes, rows = read_figures("peers")
+    table = [_row(["points", "meshes", *_PEERS.values()]), "|---|---|" + "--:|" * len(_PEERS)]
+    for points in ("path", "near", "box", "centre"):
+        for name, meshes in (("scans", ("bunny", "armadillo", "dragon")), ("ball", ("ball",))):
+            cells = [points, name]
+            for way in _PEERS:
+                those = [row for row in rows if row["way"] == way and row["points"] == points]
+                times = [float(row["median_us"] or row["mean_us"])
+                         for row in those if row["mesh"] in meshes]  # fmt: skip
+                ends = (f"{t:,.2f}" if t < 100 else f"{t:,.0f}" for t in (min(times), max(times)))
+                cells.append(" to ".join(dict.fromkeys(ends)))
+            table.append(_row(cells))
+    return _noted(table, notes)
+
+
 def large_table():
     """Return the table of a mesh of ten million faces."""
     notes, rows = read_figures("large")

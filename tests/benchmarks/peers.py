@@ -171,12 +171,14 @@ def measure(name, vertices, faces):
 
 def main():
     """Measure all meshes."""
-    os.sched_setaffinity(0, {min(os.sched_getaffinity(0))})
+    cores = os.sched_getaffinity(0)
+    os.sched_setaffinity(0, {min(cores)})
     rows = []
     for name, source in SCANS.items():
         rows += measure(name, *load(source))
     name, vertices, faces = next(bodies())
     rows += measure(name, *joined(vertices, faces))
+    os.sched_setaffinity(0, cores)
     write("peers", COLUMNS, rows)
 
 
