@@ -425,6 +425,7 @@ def test_faults_of_every_part_of_a_configuration_are_reported_at_once():
     ("scene", "said"),
     [
         ({"objects": {"a": {"mesh": "cup", "field": "exact"}}}, "there is no mesh cup"),
+        ({"objects": {"a": {"mesh": "gone", "field": "exact"}}}, "gone cannot be built"),
         ({"objects": {"a": {"mesh": "torus", "field": "exakt"}}}, "scenes.table.objects.a.field"),
         ({"objects": {"a": {"mesh": "torus", "field": "salisbury"}}}, "has no file for pandis.h"),
         ({"objects": {"a": {"mesh": "torus", "field": "auto"}}}, "budget.force_error"),
@@ -438,6 +439,7 @@ def test_faults_of_every_part_of_a_configuration_are_reported_at_once():
     ],
 )
 def test_a_scene_that_cannot_be_is_refused(scene, said):
-    config = {"meshes": {"torus": {"source": "analytic:torus"}}, "scenes": {"table": scene}}
+    meshes = {"torus": {"source": "analytic:torus"}, "gone": {"source": "gone.stl"}}
+    config = {"meshes": meshes, "scenes": {"table": scene}}
     with pytest.raises(PandisError, match=re.escape(said)):
         Plan(config, ROOT / "workflow")

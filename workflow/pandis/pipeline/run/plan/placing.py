@@ -53,7 +53,9 @@ def load_scenes(raw, entries):
         objects = sections.get("objects")
         for key, placed in objects.items() if isinstance(objects, dict) else ():
             if isinstance(placed, dict) and {"mesh", "field"} <= placed.keys():
-                wrong_here = _object_faults(f"{path}.objects.{key}", key, placed, entries=entries)
+                wrong_here = _object_faults(
+                    f"{path}.objects.{key}", key, placed, entries=entries, listed=raw.get("meshes")
+                )
                 faults |= {at: why for at, why in wrong_here.items() if at not in faults}
         if wrong:
             continue
@@ -62,10 +64,12 @@ def load_scenes(raw, entries):
     return scenes
 
 
-def _object_faults(path, key, placed, *, entries):
+def _object_faults(path, key, placed, *, entries, listed):
     if not re.fullmatch(MESH_NAME, str(key)):
         return {path: "an object's name must start with a-z; the rest may be a-z, 0-9, - or _"}
     mesh, field = str(placed["mesh"]), str(placed["field"])
+    if mesh not in entries and isinstance(listed, dict) and mesh in listed:
+        return {f"{path}.mesh": f"{mesh} cannot be built: correct it under `meshes`"}
     if mesh not in entries:
         return {f"{path}.mesh": f"there is no mesh {mesh} under `meshes`: add it there"}
     entry = entries[mesh]
