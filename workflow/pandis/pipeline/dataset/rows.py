@@ -149,7 +149,8 @@ def _beyond_walls(body, columns):
     way = np.linalg.norm(columns["points"][moved] - base, axis=1)
     used, index = np.unique(face, return_inverse=True)
     middle, normal = body.surface.at(used, np.full((len(used), 2), 1 / 3, np.float32))
-    farthest = float(way.max()) / 2
+    farthest = np.zeros(len(used))  # a thicker wall cannot matter
+    np.maximum.at(farthest, index, way / 2)
     radius = inscribed_radius(body.distance, middle, normal, largest=farthest)
     thin = radius < farthest
     wall = np.zeros(len(used), bool)

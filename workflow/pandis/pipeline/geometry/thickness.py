@@ -30,10 +30,10 @@ def inscribed_radius(engine, points: Points, normals: Points, *, largest=UNIT_SI
         The exact distance of a `pandis.pipeline.geometry.body.Body`.
     points, normals : ndarray, shape (n, 3), unit frame
         Points on the surface, and outward unit normals.
-    largest : float
-        Upper limit of the radius (unit frame); nothing deeper is examined.
+    largest : float or ndarray, shape (n,)
+        Upper limit of the radius (unit frame), or of each; nothing deeper is examined.
     """
-    radius = np.full(len(points), float(largest))
+    radius = np.array(np.broadcast_to(largest, len(points)), np.float64)
     open_ = np.arange(len(points))
     for _ in range(_STEPS):
         here, outward, size = points[open_], normals[open_], radius[open_]
