@@ -1,6 +1,7 @@
 """Definitions shared by the readers of all formats: results, errors, numbers, polygons."""
 
 import re
+from itertools import chain
 from typing import NamedTuple
 
 import numpy as np
@@ -128,7 +129,7 @@ def triangles(vertices, polygons, where, *, first=0):
     """
     count = len(vertices)
     sizes = np.fromiter(map(len, polygons), np.int64, len(polygons))
-    flat = np.fromiter((c for polygon in polygons for c in polygon), np.int64, int(sizes.sum()))
+    flat = np.fromiter(chain.from_iterable(polygons), np.int64, int(sizes.sum()))
     bad = np.flatnonzero((flat < 0) | (flat >= count))
     if len(bad):
         polygon = int(np.searchsorted(np.cumsum(sizes), bad[0], side="right"))
