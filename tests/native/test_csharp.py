@@ -159,7 +159,7 @@ def test_in_csharp_the_answers_have_the_same_bits(name, build, files, tmp_path):
     asked, told = tmp_path / "points", tmp_path / "answers"
     points.tofile(asked)
     out = build(PROGRAM, files[name], asked, told)
-    assert "missing.pandis: the file cannot be read" in out
+    assert "missing.pandis: the file is missing or cannot be read" in out
     held, count, wanted = told.read_bytes(), len(points), field.query(points)
     sizes = np.cumsum([48, 8 * count, 24 * count, count])
     bounds, distance, normal, flag, felt = np.split(np.frombuffer(held, np.uint8), sizes)

@@ -83,7 +83,7 @@ def test_a_force_in_a_program_of_ones_own(part):
     assert np.linalg.norm(force) == pytest.approx(0.1 * 0.4, abs=0.002)
     (part / "part.pandis").rename(part / "away.pandis")
     lost = subprocess.run([run], cwd=part, capture_output=True, text=True, check=False)
-    assert (lost.returncode, lost.stdout) == (1, "the file cannot be read\n")
+    assert (lost.returncode, lost.stdout) == (1, "the file is missing or cannot be read\n")
 
 
 def test_a_force_in_python(part):
