@@ -46,7 +46,7 @@ figures: .venv/installed
 	$(BIN)/python -m pip install --requirement constraints.txt
 	$(BIN)/python -m pip install --no-deps mujoco-warp==4.0.0  # it needs only MuJoCo's core
 	echo "$(CURDIR)/workflow" > "$$($(BIN)/python -c "import sysconfig; print(sysconfig.get_path('purelib'))")/pandis.pth"
-	printf '#!/bin/sh\nexec "%s/$(BIN)/python" -m pandis "$$@"\n' "$(CURDIR)" > $(BIN)/pandis
+	printf '#!/bin/sh\nPYTHONPATH="%s/workflow$${PYTHONPATH:+:$$PYTHONPATH}" exec "%s/$(BIN)/python" -m pandis "$$@"\n' "$(CURDIR)" "$(CURDIR)" > $(BIN)/pandis
 	chmod +x $(BIN)/pandis
 	touch $@
 

@@ -1,6 +1,7 @@
 import json
 import re
 
+import numpy as np
 import pytest
 import yaml
 
@@ -136,7 +137,20 @@ def test_mesh_names_and_sources():
 def test_the_error_of_a_solid_is_a_number_of_mesh_units_or_has_a_unit():
     for value in (0.2, "0.2", "0.2 mm", "0.1 %", "64 cells", "1024 cells", 3, 1e-5):
         assert MeshOptions(solid_error=value).solid_error == str(value)
-    for value in ("3 cells", "5000 cells", "0 %", 0, -1, "0.2 furlong", "fine", "", True, None):
+    assert MeshOptions(solid_error=np.float64(0.2)).solid_error == "0.2"
+    for value in (
+        "3 cells",
+        "5000 cells",
+        "0 %",
+        0,
+        -1,
+        "0.2 furlong",
+        "fine",
+        "",
+        True,
+        None,
+        "1e400",
+    ):
         assert "mesh.solid_error: " in faults(yaml.safe_dump({"mesh": {"solid_error": value}}))
 
 

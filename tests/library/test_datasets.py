@@ -4,6 +4,7 @@ import csv
 import fcntl
 import hashlib
 import io
+import json
 import os
 import signal
 import subprocess
@@ -21,15 +22,18 @@ import trimesh
 
 import pandis
 from pandis.__main__ import main
-from pandis.base.errors import PandisError
+from pandis.base.errors import PandisError, ReadError
 from pandis.pipeline.dataset.layouts import LAYOUTS
 from pandis.pipeline.dataset.pool import Lost, Pool
 from pandis.pipeline.dataset.reading import ROWS
 from pandis.pipeline.dataset.rows import Work
+from pandis.pipeline.dataset.worker import _answer
 from pandis.pipeline.geometry.strata import STRATA
+from pandis.pipeline.run.ask import sourcing
 from pandis.pipeline.run.ask.datasets import DatasetOptions
 from pandis.pipeline.run.ask.members import RATIO, Member, members
 from pandis.pipeline.run.ask.sharding import shard_count, shard_of
+from pandis.pipeline.run.records.dataset import MeshFacts
 from support import ROOT, environment
 
 FEW = {"surface": 300, "near": 500, "volume": 400, "seed": 3}
@@ -267,6 +271,41 @@ def test_too_little_memory_is_a_result(folder, tmp_path):
     assert all("memory_gb" in why.reason for why in store.failed.values())
 
 
+def test_what_cannot_be_read_now_is_tried_again_and_costs_no_other_mesh(tmp_path, monkeypatch):
+    options = DatasetOptions.model_validate({"source": "x", "seed": 0})
+    gone = Member("gone", str(tmp_path / "gone.stl"), digest="0")
+    output = tmp_path / "gone.npz"
+    work = Work(
+        gone, options.mesh.model_dump(), options.samples.model_dump(), 0, output=str(output)
+    )
+    assert _answer(work, lambda note: None) == {"written": str(output)}
+    with np.load(output) as stored:
+        assert MeshFacts.model_validate_json(str(stored["facts"])).again
+
+    def refuse(path):
+        raise ReadError(f"{path}: the file cannot be read: Permission denied")
+
+    (tmp_path / "parts").mkdir()
+    for name in ("a", "b"):
+        shape("box", extents=(1, 1, 1)).export(tmp_path / f"parts/{name}.obj")
+    monkeypatch.setattr(sourcing, "file_digest", lambda path: refuse(path) if path.name == "a.obj"
+                        else "0" * 64)  # fmt: skip
+    task = options.model_copy(update={"source": str(tmp_path / "parts")})
+    faults = {member.name: member.fault for member in members(task)}
+    assert "Permission denied" in faults["a"]
+    assert not faults["b"]
+
+
+@pytest.mark.parametrize("source", ["", "{tmp}/link/.."])
+def test_a_source_is_the_one_that_is_named(source, folder, tmp_path, monkeypatch):
+    """Not the working folder, and not what lies beside a link."""
+    (tmp_path / "real/inner").mkdir(parents=True)
+    (tmp_path / "link").symlink_to(tmp_path / "real/inner")
+    monkeypatch.chdir(folder)
+    with pytest.raises(PandisError):  # there is no mesh in real
+        label(source.format(tmp=tmp_path), tmp_path / "parts.zarr")
+
+
 @pytest.mark.slow
 def test_a_store_of_other_options_is_not_mixed(folder, tmp_path):
     store, _ = label(folder, tmp_path / "parts.zarr")
@@ -274,8 +313,12 @@ def test_a_store_of_other_options_is_not_mixed(folder, tmp_path):
     with pytest.raises(PandisError, match=r"other options \(samples.near\)"):
         label(folder, store.path, near=100)
     assert files_of(store.path) == before
+    begun = store.path / "options.json"
     for same in (f"{folder}/", os.path.relpath(folder)):
         assert label(same, store.path)[1] == 0
+    options = json.loads(begun.read_text())
+    begun.write_text(json.dumps(options | {"place": "/before/the/folder/was/moved"}))
+    assert label(options["source"], store.path)[1] == 0
     with pytest.raises(PandisError, match=r"other options \(source\)"):
         label(folder / "round", store.path)
     changed, computed = label(folder, store.path, near=100, force=True)

@@ -71,6 +71,8 @@ def test_refusals_name_the_file_and_the_remedy(tmp_path):
     octa = write_obj(obj, *octahedron()).read_bytes()
     assert "line 1: 'nan' is not a number" in refuse(obj, octa.replace(b"v 1.0", b"v nan", 1))
     assert "line 1: 'inf' is not a number" in refuse(obj, octa.replace(b"v 1.0", b"v inf", 1))
+    long = b"1" * 200_000 + b"x"  # reading it must not take the square of its length
+    assert "line 1: '1111" in refuse(obj, octa.replace(b"v 1.0", b"v " + long, 1))
     assert "unknown format '.step'; the known formats are .obj" in refuse(tmp_path / "a.step", b"x")
     assert "unknown format" in refuse(tmp_path / "noending", b"x")
     assert "the configuration says 00" in refuse(obj, octa, sha256="0" * 64)

@@ -1,4 +1,4 @@
-"""The two kinds of error that users see."""
+"""The errors that users see."""
 
 
 class PandisError(Exception):
@@ -7,6 +7,10 @@ class PandisError(Exception):
     A stage that fails with it prints only the message. Any other exception
     is a defect of pandis, and its traceback is printed.
     """
+
+
+class ReadError(PandisError):
+    """A file cannot be read, for a reason that may have passed by the next try."""
 
 
 class ConfigError(PandisError):

@@ -8,7 +8,7 @@ import stat
 from contextlib import suppress
 from pathlib import Path
 
-from pandis.base.errors import PandisError
+from pandis.base.errors import PandisError, ReadError
 
 
 def file_digest(path):
@@ -16,7 +16,7 @@ def file_digest(path):
 
     Raises
     ------
-    PandisError
+    ReadError
         The file cannot be read.
     """
     try:
@@ -24,7 +24,7 @@ def file_digest(path):
             return hashlib.file_digest(stream, "sha256").hexdigest()
     except OSError as error:
         why = error.strerror or error
-        raise PandisError(f"{path}: the file cannot be read: {why}") from error
+        raise ReadError(f"{path}: the file cannot be read: {why}") from error
 
 
 class AtomicFile:

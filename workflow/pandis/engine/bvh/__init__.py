@@ -17,6 +17,8 @@ PARTS = ("VERT", "VNRM", "FACE", "NEIG", "TREE", "LEAF")
 NODE_BYTES, LEAF_BYTES = 224, 200
 #: Bytes of a node's slabs.
 _SLAB_BYTES = 160
+#: Largest coordinate, whose square and more fit into single precision with a step per leaf.
+_LARGEST = 1e30
 #: Numbers of branches, as in branches.h: in the first two levels, which are opened first, and in
 #: the first three. A tree of fewer than _MANY faces is built by one thread.
 _OPENED, _BRANCHES, _MANY = 1 + 8, 1 + 8 + 64, 10_000
@@ -85,8 +87,8 @@ class Bvh:
         faces = np.ascontiguousarray(faces, np.int32)
         if not len(faces) or faces.min() < 0 or faces.max() >= len(vertices):
             raise ValueError("faces must not be empty, and must index vertices")
-        if not np.isfinite(vertices).all():
-            raise ValueError("vertices must be finite")
+        if not (np.abs(vertices) <= _LARGEST).all():
+            raise ValueError(f"coordinates must be finite, and at most {_LARGEST:g}")
         self._library = library()
         self._tree = self._built(vertices, faces)
         if not self._tree:

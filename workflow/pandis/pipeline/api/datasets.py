@@ -54,7 +54,8 @@ def label_meshes(
     workers : int, optional
         Meshes at a time; by default one per core.
     force : bool
-        Whether to go on in a store that was made with other options; its rows are made anew.
+        Whether to go on in a store that was made with other options, and to replace the rows that
+        they change.
     log : callable, optional
         Receives lines about the progress.
     **options
@@ -70,7 +71,7 @@ def label_meshes(
         why = f"expected a whole number from 1, not {workers!r}"
         raise ConfigError(f"workers: {why}", {"workers": why})
     config = {key: options.pop(key) for key in PLAIN if key in options}
-    config |= sections(options, ("mesh", "samples")) | {"source": os.path.normpath(source)}
+    config |= sections(options, ("mesh", "samples")) | {"source": os.fspath(source)}
     raise_faults(faults_of(DatasetOptions, config))
     dataset = DatasetOptions.model_validate({"seed": 0} | config)
     raise_faults(option_faults(dataset))
@@ -134,29 +135,35 @@ def _make_folder(folder):
 def _begin(folder, dataset, *, force):
     """Refuse a store of other options; note the options of a new one."""
     begun = folder / _OPTIONS
-    values = dataset.model_dump(exclude={"seconds", "memory_gb", "shards"})
-    values["source"] = os.path.realpath(dataset.source)  # whatever it is called from elsewhere
-    text = json.dumps(plain(values), indent=1) + "\n"
-    stored = begun.read_text(encoding="utf-8") if begun.is_file() else None
-    if stored not in (None, text):
+    values = plain(dataset.model_dump(exclude={"seconds", "memory_gb", "shards"}))
+    place, before = os.path.realpath(dataset.source), _options_of(begun)
+    if before is not None and before.pop("place", None) == place:
+        before["source"] = values["source"]  # the same, however it is spelled
+    if before not in (None, values):
         if not force:
             raise PandisError(
-                f"{folder} was made with other options ({_differences(stored, values)}); name "
-                "another folder, or make its rows anew with --force (force=True)"
+                f"{folder} was made with other options ({_differences(before, values)}); name "
+                "another folder, or go on with --force (force=True), which replaces the rows that "
+                "these options change"
             )
         for name in _WHOLE:
             (folder / name).unlink(missing_ok=True)
+    text = json.dumps(values | {"place": place}, indent=1) + "\n"
     write_atomically(begun, text.encode())
 
 
-def _differences(stored, values):
+def _options_of(path):
+    """Return the options in a file; None if there is no file, and none if it is damaged."""
     try:
-        before = json.loads(stored)
+        options = json.loads(path.read_text(encoding="utf-8")) if path.is_file() else None
     except ValueError:
-        before = None
-    if not isinstance(before, dict):
+        return {}
+    return options if options is None or isinstance(options, dict) else {}
+
+
+def _differences(before, now):
+    if not before:
         return _OPTIONS
-    now = plain(values)
     names = []
     for key in now:
         if isinstance(now[key], dict) and isinstance(before.get(key), dict):

@@ -59,7 +59,7 @@ class ShardBuilder:
         self.works = [self._work(member, code) for member in self._members()]
         self.facts = {}  # by key
         self.old = {}  # shards with rows of a mesh, by key
-        self._outdated = 0
+        self._outdated = set()  # keys of meshes that older shards have by another key
 
     def _members(self):
         """Return the meshes of this shard; refuse others than those of the plan."""
@@ -94,10 +94,11 @@ class ShardBuilder:
                 todo.append(work)
         self._sweep()
         finished = len(self.works) - len(todo)
+        outdated = sum(work.key in self._outdated for work in todo)
         self.log(
             f"{len(self.works)} meshes, {len(todo)} of them to compute"
-            + f" ({self._outdated} because the file, an option, the code or a package that it uses "
-            "changed)" * (self._outdated > 0)
+            + f" ({outdated} because the file, an option, the code or a package that it uses "
+            "changed)" * (outdated > 0)
         )
         report, start = progress("meshes", len(self.works), "meshes"), time.monotonic()
         report.resume(finished)
@@ -158,7 +159,7 @@ class ShardBuilder:
                 if self._is_current(facts, key):
                     self.facts[key], self.old[key] = facts, (old, index)
                 elif key is not None and facts.key != key:
-                    self._outdated += 1
+                    self._outdated.add(key)
 
     def _sweep(self):
         """Remove work of earlier plans."""

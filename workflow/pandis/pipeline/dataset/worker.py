@@ -15,7 +15,7 @@ from pathlib import Path
 
 import numpy as np
 
-from pandis.base.errors import PandisError, RepairError
+from pandis.base.errors import PandisError, ReadError, RepairError
 from pandis.base.files import AtomicFile
 from pandis.pipeline.dataset.rows import PassingError, Work, mesh_rows
 from pandis.pipeline.mesh import tools
@@ -64,7 +64,7 @@ def _answer(work, note):
         arrays, facts = mesh_rows(work, enter)
     except RepairError as error:
         facts = failure("repair", str(error), option=error.option)
-    except PassingError as error:
+    except (PassingError, ReadError) as error:
         facts = failure(stage[0], str(error), again=True)
     except PandisError as error:
         facts = failure(stage[0], str(error))

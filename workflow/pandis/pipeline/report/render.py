@@ -106,6 +106,8 @@ def _nearest_faces(corners, size):
         face, row = face[span], row[span]
         x, y, z = corners[face, 0].T
         depth = z + slope[0, face] * (column + 0.5 - x) + slope[1, face] * (row + 0.5 - y)
+        # rounding must not tear a face that is seen from its edge
+        depth = np.clip(depth, corners[face, :, 2].min(axis=1), corners[face, :, 2].max(axis=1))
         pixel = row * size + column
         np.maximum.at(buffer, pixel, depth)
         nearest = depth == buffer[pixel]

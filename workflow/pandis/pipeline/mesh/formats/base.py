@@ -9,7 +9,7 @@ import numpy as np
 #: Material name of faces without a material.
 UNNAMED = "none"
 #: NUMBER: a decimal number in the C locale (no nan, inf or hexadecimal). INTEGER: a whole number.
-NUMBER = re.compile(r"[+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]+)?")
+NUMBER = re.compile(r"[+-]?(?:[0-9]++\.?[0-9]*+|\.[0-9]++)(?:[eE][+-]?[0-9]++)?")
 INTEGER = re.compile(r"[+-]?[0-9]{1,18}")
 #: Maximum number of triangles once all parts are placed. Nesting multiplies parts, so a short file
 #: could fill a disk.

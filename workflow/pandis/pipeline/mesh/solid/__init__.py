@@ -20,6 +20,8 @@ from pandis.pipeline.run.ask.values import CELLS, UNITS, fineness
 FEWEST, MOST = CELLS
 #: Cells per error asked for: 99 % of the visible source lies within half a cell of most solids.
 _CELLS_PER_ERROR = 0.5
+#: An error must be at most this part of the longest side: a larger one is a slip.
+_COARSEST = 16
 #: Largest half width of a door, as a share of the radius of the smaller room.
 _DOOR = 0.6
 #: Half thickness of sheets of nodes, cells: less leaves holes, more joins neighbours.
@@ -93,10 +95,15 @@ def rules_of(options, vertices):
             )
         with np.errstate(over="ignore"):
             number = extent.max() / (number * units[unit]) * _CELLS_PER_ERROR
+        if number < _CELLS_PER_ERROR * _COARSEST:
+            raise PandisError(
+                f"mesh.solid_error: {options.solid_error} is more than 1/{_COARSEST} of the mesh's "
+                "longest side; write `256 cells` for a number of cells"
+            )
         number = np.ceil(number) + 2 * MARGIN
     if number > MOST:
         raise PandisError(
-            f"mesh.solid_error: {options.solid_error} takes {number:.4g} cells along the longest "
+            f"mesh.solid_error: {options.solid_error} takes {number:.6g} cells along the longest "
             f"side; {MOST} are possible"
         )
     return SolidRules(

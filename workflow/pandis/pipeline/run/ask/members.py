@@ -15,7 +15,7 @@ from pathlib import Path, PurePosixPath
 from typing import NamedTuple
 from urllib.parse import urlsplit
 
-from pandis.base.errors import PandisError
+from pandis.base.errors import PandisError, ReadError
 from pandis.base.files import file_digest
 from pandis.pipeline.run.ask.sourcing import (
     FORMATS,
@@ -273,6 +273,8 @@ def _with_digest(member, digests):
             fault = f"its sha256 is {sha256}, but the table says {expected}"
     except OSError as error:
         return member._replace(fault=f"it cannot be read: {error.strerror}")
+    except ReadError as error:  # a file beside it, too
+        return member._replace(fault=str(error))
     return member._replace(digest=digest, fault=fault)
 
 

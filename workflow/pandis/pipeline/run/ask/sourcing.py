@@ -114,13 +114,15 @@ def source_fault(source):
         )
     try:
         path = source_path(source)
+        readable = path is None or os.access(path, os.R_OK)
+        empty = path is not None and path.stat().st_size == 0
     except PandisError as error:
         return str(error)
-    if path is not None and not os.access(path, os.R_OK):
+    except OSError:
+        readable = empty = False
+    if not readable:
         return f"source: {source}: the file cannot be read; check its permissions"
-    if path is not None and path.stat().st_size == 0:
-        return f"source: {source}: the file is empty; export the mesh again"
-    return None
+    return f"source: {source}: the file is empty; export the mesh again" if empty else None
 
 
 def _shape_fault(source):

@@ -1,6 +1,8 @@
 """Types of option values, and the base of all models of options."""
 
 import re
+from math import inf
+from numbers import Real
 from typing import Annotated
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, WithJsonSchema
@@ -35,7 +37,7 @@ def _metres(value):
 
 #: Fewest and most cells of a solid along its longest side.
 CELLS = (64, 1024)
-_FINENESS = r"(\d+(?:\.\d+)?(?:e-?\d+)?) ?([A-Za-zµ%]*)"
+_FINENESS = r"((?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?) ?([A-Za-zµ%]*)"
 
 
 def fineness(text):
@@ -47,7 +49,7 @@ def fineness(text):
         It is neither a possible number of cells nor an error.
     """
     match = re.fullmatch(_FINENESS, text)
-    if not match or match[2] not in ("", "%", "cells", *UNITS) or not float(match[1]) > 0:
+    if not match or match[2] not in ("", "%", "cells", *UNITS) or not 0 < float(match[1]) < inf:
         raise ValueError(
             "write cells, as 256 cells, or an error: 0.1 % (of the diagonal), 0.2 (mesh units) or "
             f"0.2 mm (units are {', '.join(UNITS)})"
@@ -60,10 +62,11 @@ def fineness(text):
 
 def _fineness(value):
     """Check a fineness, and return it as text."""
-    text = str(value) if type(value) in (int, float) else value
-    if isinstance(text, str):
-        fineness(text)
-    return text
+    if isinstance(value, Real) and not isinstance(value, bool):
+        value = str(value) if isinstance(value, int) else repr(float(value))
+    if isinstance(value, str):
+        fineness(value)
+    return value
 
 
 _LENGTHS = {
