@@ -45,7 +45,6 @@ figures: .venv/installed
 	$(PYTHON) -m venv .venv
 	$(BIN)/python -m pip install --requirement constraints.txt
 	$(BIN)/python -m pip install --no-deps mujoco-warp==4.0.0  # it needs only MuJoCo's core
-	echo "$(CURDIR)/workflow" > "$$($(BIN)/python -c "import sysconfig; print(sysconfig.get_path('purelib'))")/pandis.pth"
 	printf '#!/bin/sh\nPYTHONPATH="%s/workflow$${PYTHONPATH:+:$$PYTHONPATH}" exec "%s/$(BIN)/python" -m pandis "$$@"\n' "$(CURDIR)" "$(CURDIR)" > $(BIN)/pandis
 	chmod +x $(BIN)/pandis
 	touch $@

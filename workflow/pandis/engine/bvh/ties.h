@@ -1,12 +1,12 @@
 /* The nearest face, and whether another closest point is about as near. */
 
-#define OPENED 96 /* more leaves than most searches open */
+#define NOTED 96 /* more leaves than most searches open */
 
 /* Leaves that a search has opened, and the smallest squared distance in each, as it seems in single
- * precision; `count` may be larger than OPENED, and then the rest is not noted. */
+ * precision; `count` may be larger than NOTED, and then the rest is not noted. */
 typedef struct {
-    double least[OPENED];
-    int32_t leaves[OPENED];
+    double least[NOTED];
+    int32_t leaves[NOTED];
     int count;
 } Opened;
 
@@ -39,7 +39,7 @@ static int32_t find_nearest(
             continue;
         }
         double least = pandis__look_into(m, m->leaves + ~child, p, &s);
-        if (opened->count < OPENED)
+        if (opened->count < NOTED)
             opened->least[opened->count] = least, opened->leaves[opened->count] = ~child;
         opened->count++;
         within = pandis__limit_key(s.limit * (1 + relative));
@@ -90,7 +90,7 @@ static int has_tie(const pandis__mesh *m, const Tie *tie, const Opened *opened) 
     int32_t stack[STACK], keys[WIDTH], within = pandis__limit_key(tie->reach);
     float q[3] = {(float)tie->p[0], (float)tie->p[1], (float)tie->p[2]};
     int top = 0;
-    if (opened->count <= OPENED) {
+    if (opened->count <= NOTED) {
         for (int i = 0; i < opened->count; i++) {
             const Leaf *leaf = m->leaves + opened->leaves[i];
             float slack[2] = {leaf->slack, leaf->share};

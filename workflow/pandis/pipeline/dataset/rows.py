@@ -163,7 +163,7 @@ def _facts(record, body, rows):
     """Return what the index says of a mesh."""
     source, solid = record.source, record.solid
     before, after = record.before, record.after
-    invention = {"invented": record.deviation["to_source"]["caps"]}
+    invention = {"invented": record.caps}
     if solid:
         invention = {"kinds": solid.kinds, "invented": solid.invented, "sheets": solid.sheets,
                 "openings": len(solid.doors) + len(solid.caps)}  # fmt: skip

@@ -2,7 +2,7 @@
 
 Usage::
 
-    python -m pandis.pipeline.judge.servo.touch FIELD.pandis
+    PYTHONPATH=workflow python -m pandis.pipeline.judge.servo.touch FIELD.pandis
 
 With ``--simulated``, a hand leads a simulated device through the object and back, in real time.
 Otherwise forces are sent only with ``--arm`` and PANDIS_ARM=1, and only at a stiffness that

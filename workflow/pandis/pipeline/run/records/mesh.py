@@ -97,6 +97,11 @@ class MeshRecord(Record):
     solid: SolidFacts | None
 
     @property
+    def caps(self):
+        """Share of points of the surface on caps, doors and walls of a sheet."""
+        return self.deviation["to_source"]["caps"]
+
+    @property
     def moved(self):
         """Largest distance between source and result, caps apart, mesh units."""
         return max(self.deviation[way]["max"] for way in ("to_source", "to_result"))
