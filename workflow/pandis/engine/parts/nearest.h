@@ -193,10 +193,11 @@ PANDIS__INLINE double pandis__look_into(
     float slack[2];
     double least = pandis__seem(t, leaf, p, seems, slack);
     s->left--;
-    if (least > (farthest = pandis__may_seem(s->limit, slack))) return least;
-    double most =
+    if (least > pandis__may_seem(s->limit, slack)) return least;
+    farthest =
         least >= 0 ? sqrt(least) * (1 + (double)slack[1]) + (double)slack[0] : (double)INFINITY;
-    if (most < s->limit) s->limit = most, farthest = pandis__may_seem(most, slack);
+    if (farthest < s->limit) s->limit = farthest;
+    farthest = pandis__may_seem(s->limit, slack);
     for (int i = 0; i < PANDIS__WIDTH; i++) {
         if (seems[i] > farthest || leaf->face[i] < 0) continue;
         if (s->count == PANDIS__MAYBE) pandis__settle(t, p, s);
