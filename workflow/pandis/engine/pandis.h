@@ -1856,8 +1856,7 @@ PANDIS__INLINE double pandis__look_into(
 
 /* Descend with a budget of nodes, leaves and faces, the nearest box first. Boxes whose contents are
  * less than `gap` nearer than the nearest face so far are skipped; `unseen` is the key of the
- * nearest box that was not opened. Slabs are read in later searches only, because most end before
- * they would pay. */
+ * nearest box that was not opened. Slabs are read in later searches: most end before they pay. */
 PANDIS__INLINE void pandis__descend_body(
     const pandis__mesh *t, const double *p, double gap, int32_t left, pandis__seeking *s) {
     struct {
