@@ -310,10 +310,12 @@ def test_the_program_of_the_page_runs(tmp_path, monkeypatch, capsys):
     path.parent.mkdir(parents=True)
     path.write_bytes(sample_bytes("box", 0.3, 0.3, 0.3))
     monkeypatch.chdir(tmp_path)
-    exec(model + text, {})
+    known = {}
+    exec(model + text, known)
     said = capsys.readouterr().out
     assert "ran to its end" in said
     assert float(re.search(r"largest force: ([\d.]+) N", said)[1]) > 0.5
+    assert known["data"].time == pytest.approx(4.0)  # two seconds each
 
 
 @pytest.mark.parametrize(

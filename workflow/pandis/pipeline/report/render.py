@@ -98,6 +98,7 @@ def _nearest_faces(corners, size):
     front = np.flatnonzero(area > 0)
     slope = np.stack([v[2] * u[1] - u[2] * v[1], u[2] * v[0] - v[2] * u[0]])[:, front] / area[front]
     corners = corners[front]
+    lowest, highest = corners[..., 2].min(axis=1), corners[..., 2].max(axis=1)
     first, last = (_pixel(f(axis=1), size) for f in (corners[..., 1].min, corners[..., 1].max))
     work = np.cumsum(last - first + area[front] / 2) // _TOGETHER
     for part in np.split(np.arange(len(front)), np.flatnonzero(np.diff(work)) + 1):
@@ -107,7 +108,7 @@ def _nearest_faces(corners, size):
         x, y, z = corners[face, 0].T
         depth = z + slope[0, face] * (column + 0.5 - x) + slope[1, face] * (row + 0.5 - y)
         # rounding must not tear a face that is seen from its edge
-        depth = np.clip(depth, corners[face, :, 2].min(axis=1), corners[face, :, 2].max(axis=1))
+        depth = np.clip(depth, lowest[face], highest[face])
         pixel = row * size + column
         np.maximum.at(buffer, pixel, depth)
         nearest = depth == buffer[pixel]
