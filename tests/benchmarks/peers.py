@@ -21,6 +21,7 @@ import fcpw
 import numpy as np
 import open3d
 from common import SCANS, load, write
+from signs import fcpw_scene
 from worst import bodies, joined
 
 from pandis.base.frame import UNIT
@@ -99,11 +100,7 @@ def in_one_call(answer):
 
 def of_fcpw(vertices, faces, inside):
     """Return what asks fcpw for distances, and whether points are inside, or not."""
-    scene = fcpw.scene_3D()
-    scene.set_object_count(1)
-    scene.set_object_vertices(np.asfortranarray(vertices, np.float32), 0)
-    scene.set_object_triangles(np.asfortranarray(faces, np.int32), 0)
-    scene.build(fcpw.aggregate_type.bvh_surface_area, True)
+    scene = fcpw_scene(vertices, faces, vectorize=True)
 
     def answer(points):
         rows = np.asfortranarray(points, np.float32)

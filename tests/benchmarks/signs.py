@@ -156,15 +156,21 @@ def of_warp(method, vertices, faces, points):
     return signs.numpy()
 
 
-def of_fcpw(vertices, faces, points):
-    """fcpw's test of containment; its Python package has no signed distance without normals."""
+def fcpw_scene(vertices, faces, *, vectorize=False):
+    """Build the tree of a mesh in fcpw."""
     import fcpw
 
     scene = fcpw.scene_3D()
     scene.set_object_count(1)
     scene.set_object_vertices(np.ascontiguousarray(vertices, np.float32), 0)
     scene.set_object_triangles(np.ascontiguousarray(faces, np.int32), 0)
-    scene.build(fcpw.aggregate_type.bvh_surface_area, False)
+    scene.build(fcpw.aggregate_type.bvh_surface_area, vectorize)
+    return scene
+
+
+def of_fcpw(vertices, faces, points):
+    """fcpw's test of containment; its Python package has no signed distance without normals."""
+    scene = fcpw_scene(vertices, faces)
     inside = [scene.contains(point) for point in points.astype(np.float32)]
     return np.where(inside, -1.0, 1.0)
 
