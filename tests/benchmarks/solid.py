@@ -30,7 +30,7 @@ from pandis.pipeline.mesh.diagnosis import diagnose
 from pandis.pipeline.mesh.intake import read_mesh
 from pandis.pipeline.mesh.solid import SolidRules, make_solid
 from pandis.pipeline.mesh.topology import compact, components, same_place
-from pandis.pipeline.mesh.winding import WindingNumber
+from pandis.pipeline.mesh.tree import MeshTree
 
 #: Points on each mesh, and on each of its 200 largest components.
 SAMPLES, EACH, DIRECTIONS = 6000, 20, 48
@@ -176,7 +176,7 @@ def _overlap(vertices, faces, result, rng):
     if not diagnose(vertices, faces).valid:
         return None
     points = rng.uniform(result.low, result.high, (100_000, 3))
-    one = WindingNumber(vertices, faces)(points) > 0.5
+    one = MeshTree(vertices, faces).windings(points) > 0.5
     other = result.windings(points) > 0.5
     return float((one & other).sum() / max((one | other).sum(), 1))
 

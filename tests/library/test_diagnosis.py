@@ -6,7 +6,7 @@ import pytest
 
 from pandis.pipeline.geometry.shapes import SHAPES
 from pandis.pipeline.mesh.diagnosis import FAULTS, crossing_faces, diagnose
-from pandis.pipeline.mesh.winding import WindingNumber
+from pandis.pipeline.mesh.tree import MeshTree
 from support import box_mesh, octahedron
 
 
@@ -136,7 +136,59 @@ def test_winding_numbers_are_those_of_the_exact_sum():
     for shown, shift in ((faces, 0.0), (faces[200:], 0.0), (faces, 1e6)):
         points = rng.uniform(-1.5, 1.5, (5000, 3))
         exact = igl.winding_number(vertices, shown, points)
-        off = np.abs(WindingNumber(vertices + shift, shown)(points + shift) - exact)
+        off = np.abs(MeshTree(vertices + shift, shown).windings(points + shift) - exact)
         assert off.max() < 0.05
         unclear = np.abs(exact - np.round(exact)) > 0.15
         assert off[unclear].max(initial=0) < 1e-3
+
+
+def some_faces(vertices):
+    """Return random triangles, some without area, over given vertices."""
+    rng = np.random.default_rng(3)
+    faces = rng.integers(0, len(vertices), (90, 3))
+    faces[:20, 2] = faces[:20, 1]  # segments
+    faces[20:30] = faces[20:30, :1]  # points
+    return faces
+
+
+def naive_closest(vertices, faces, points):
+    """Return the distance (n, F) from points to faces by planes and edges, without a tree."""
+    rows = []
+    for face in faces:
+        corners = vertices[face]
+        best = np.full(len(points), np.inf)
+        for start, end in zip(corners, np.roll(corners, -1, axis=0), strict=True):
+            along = end - start
+            squared = along @ along
+            share = ((points - start) @ along / squared).clip(0, 1) if squared else np.zeros(1)
+            foot = start + share[:, None] * along
+            best = np.minimum(best, np.linalg.norm(points - foot, axis=1))
+        normal = np.cross(corners[1] - corners[0], corners[2] - corners[0])
+        if size := np.linalg.norm(normal):
+            height = (points - corners[0]) @ normal / size
+            flat = points - height[:, None] * normal / size
+            sides = [
+                np.cross(end - start, flat - start) @ normal >= 0
+                for start, end in zip(corners, np.roll(corners, -1, axis=0), strict=True)
+            ]
+            best = np.where(np.all(sides, axis=0), np.minimum(best, np.abs(height)), best)
+        rows.append(best)
+    return np.array(rows).T
+
+
+@pytest.mark.parametrize("shift", [0.0, 1000.0])
+def test_distances_are_those_of_every_face_without_a_tree(shift):
+    rng = np.random.default_rng(2)
+    vertices = rng.uniform(-1, 1, (60, 3)) + shift
+    faces = some_faces(vertices)
+    points = rng.uniform(-1.5, 1.5, (1500, 3)) + shift
+    points[:100] = vertices[rng.integers(0, 60, 100)]
+    each = naive_closest(vertices, faces, points)
+    rounding = 1e-14 * max(1, shift)
+    tree = MeshTree(vertices, faces)
+    np.testing.assert_allclose(tree.distance(points), each.min(axis=1), rtol=0, atol=rounding)
+    place, face = tree.closest(points)
+    off = np.linalg.norm(points - place, axis=1)
+    np.testing.assert_allclose(off, each.min(axis=1), rtol=0, atol=rounding)
+    own = np.take_along_axis(each, face[:, None].astype(int), axis=1)[:, 0]
+    np.testing.assert_allclose(own, each.min(axis=1), rtol=0, atol=rounding)

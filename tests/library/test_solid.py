@@ -17,7 +17,7 @@ from pandis.pipeline.mesh.diagnosis import diagnose
 from pandis.pipeline.mesh.processes import CpuTime, CpuTimeError
 from pandis.pipeline.mesh.solid import SolidRules, make_solid, rules_of
 from pandis.pipeline.mesh.solid.source import source_of
-from pandis.pipeline.mesh.winding import WindingNumber
+from pandis.pipeline.mesh.tree import MeshTree
 from pandis.pipeline.run.ask.options import MeshOptions
 
 CELLS = 64
@@ -36,7 +36,7 @@ def solid_of(mesh, **rules):
 
 
 def inside(solid, *points):
-    return (WindingNumber(solid.vertices, solid.faces)(np.array(points, float)) > 0.5).tolist()
+    return (MeshTree(solid.vertices, solid.faces).windings(np.array(points, float)) > 0.5).tolist()
 
 
 def joined(*meshes):

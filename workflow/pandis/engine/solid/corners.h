@@ -73,7 +73,10 @@ static int find_corner(const Lattice *l, const int32_t *at, const int8_t *edge, 
         int out = solid >> e->low & 1 ? 1 : -1;
         if (out * normal[k][e->axis] < 0) /* the source's orientation may be wrong */
             for (int j = 0; j < 3; j++) normal[k][j] = -normal[k][j];
-        for (int i = 0; i < k; i++) least = fmin(least, dot(normal[k], normal[i]));
+        for (int i = 0; i < k; i++) {
+            double cosine = dot(normal[k], normal[i]);
+            if (cosine < least) least = cosine;
+        }
     }
     if (least >= SHARP) return 0;
     for (int j = 0; j < 3; j++) {

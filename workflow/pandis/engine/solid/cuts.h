@@ -96,14 +96,3 @@ static int cut_edges(Lattice *l) {
     l->cut_count = count;
     return 1;
 }
-
-/* The index of the first cut of an edge; `cut_count` or another edge's if there is none. */
-static int64_t first_cut(const Lattice *l, int64_t edge) {
-    int64_t low = 0, high = l->cut_count;
-    while (low < high) {
-        int64_t middle = (low + high) / 2;
-        if (l->cuts[middle].edge < edge) low = middle + 1;
-        else high = middle;
-    }
-    return low;
-}

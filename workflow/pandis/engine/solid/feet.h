@@ -3,6 +3,7 @@
 /* Triangles with a longer edge (squared) are split before their nodes are visited. */
 #define SPLIT 16
 #define EQUAL 1e-5f
+#define FAR_AWAY 1e9f /* cells: of nodes without a foot */
 
 typedef struct {
     double corner[3][3];
@@ -100,25 +101,83 @@ static double node_distance(const Lattice *l, int64_t node) {
     return l->nearest[node] < 0 ? 2 : distance_to(l, l->nearest[node], at);
 }
 
-/* Give a node the foot of a neighbour if that is nearer. */
-static void try_foot(Lattice *l, float *distance, int64_t node, int64_t other, const int32_t *at) {
-    int32_t foot = l->nearest[other];
-    if (foot < 0 || foot == l->nearest[node]) return;
-    float d = distance_to(l, foot, at);
-    if (d < distance[node]) distance[node] = d, l->nearest[node] = foot;
+/* A row of nodes along x: where their feet lie, and their squared distances (-1 if exact). */
+typedef struct {
+    float *place[3], *squared;
+    int32_t *foot;
+} Row;
+
+static float row_distance(const Row *r, int32_t i, int32_t x, int32_t y, int32_t z) {
+    float dx = r->place[0][i] - (float)x, dy = r->place[1][i] - (float)y,
+          dz = r->place[2][i] - (float)z;
+    return dx * dx + dy * dy + dz * dz;
 }
 
-/* Pass feet on along a row, there and back; first from the row before and the layer before. */
-static void pass_row(
-    Lattice *l, float *distance, int32_t y, int32_t z, int64_t row, int64_t layer) {
+/* Give nodes of a row the feet of the row beside it where these are nearer. Without branches, so
+ * that a compiler uses vectors. */
+static void take_feet(const Row *mine, const Row *other, int32_t count, int32_t y, int32_t z) {
+    float *restrict px = mine->place[0], *restrict py = mine->place[1],
+                    *restrict pz = mine->place[2], *restrict squared = mine->squared;
+    int32_t *restrict foot = mine->foot;
+    for (int32_t x = 0; x < count; x++) {
+        float d = row_distance(other, x, x, y, z);
+        int nearer = d < squared[x];
+        px[x] = nearer ? other->place[0][x] : px[x];
+        py[x] = nearer ? other->place[1][x] : py[x];
+        pz[x] = nearer ? other->place[2][x] : pz[x];
+        foot[x] = nearer ? other->foot[x] : foot[x];
+        squared[x] = nearer ? d : squared[x];
+    }
+}
+
+/* Pass feet on along a row, there and back. */
+static void pass_feet(const Row *r, int32_t count, int32_t y, int32_t z) {
     for (int back = 0; back < 2; back++)
-        for (int32_t i = 0; i < l->size[0]; i++) {
-            int32_t at[3] = {back ? l->size[0] - 1 - i : i, y, z};
-            int64_t node = node_at(l, at[0], y, z);
-            if (distance[node] <= 1) continue;
-            if (i) try_foot(l, distance, node, back ? node + 1 : node - 1, at);
-            if (!back && row) try_foot(l, distance, node, node + row, at);
-            if (!back && layer) try_foot(l, distance, node, node + layer, at);
+        for (int32_t i = 1; i < count; i++) {
+            int32_t x = back ? count - 1 - i : i, from = back ? x + 1 : x - 1;
+            float d = row_distance(r, from, x, y, z);
+            if (d >= r->squared[x]) continue;
+            for (int k = 0; k < 3; k++) r->place[k][x] = r->place[k][from];
+            r->foot[x] = r->foot[from], r->squared[x] = d;
+        }
+}
+
+/* The rows of a layer whose feet's places have been looked up. */
+typedef struct {
+    float *places; /* (3, rows, nodes) */
+    int32_t z;
+} Layer;
+
+static Row row_of_layer(const Lattice *l, const Layer *layer, float *squared, int32_t y) {
+    int64_t node = node_at(l, 0, y, layer->z);
+    Row row = {.squared = squared + node, .foot = l->nearest + node};
+    for (int k = 0; k < 3; k++)
+        row.place[k] = layer->places + k * l->step[2] + (int64_t)y * l->size[0];
+    return row;
+}
+
+static void look_up(const Lattice *l, const Layer *layer) {
+    const int32_t *foot = l->nearest + l->step[2] * layer->z;
+    for (int64_t i = 0; i < l->step[2]; i++)
+        for (int k = 0; k < 3; k++)
+            layer->places[k * l->step[2] + i] = foot[i] < 0 ? FAR_AWAY : l->feet[foot[i]].place[k];
+}
+
+/* Pass feet on within a layer: up its rows and down; first from the layer before, if any. */
+static void pass_layer(const Lattice *l, float *squared, const Layer *mine, const Layer *before) {
+    for (int down = 0; down < 2; down++)
+        for (int32_t j = down; j < l->size[1]; j++) {
+            int32_t y = down ? l->size[1] - 1 - j : j, count = l->size[0];
+            Row row = row_of_layer(l, mine, squared, y), other;
+            if (j) {
+                other = row_of_layer(l, mine, squared, down ? y + 1 : y - 1);
+                take_feet(&row, &other, count, y, mine->z);
+            }
+            if (before && !down) {
+                other = row_of_layer(l, before, squared, y);
+                take_feet(&row, &other, count, y, mine->z);
+            }
+            pass_feet(&row, count, y, mine->z);
         }
 }
 
@@ -126,17 +185,25 @@ static void pass_row(
  * enough for the sizes of rooms. Returns the distances in cells, or NULL if memory is short. */
 static float *sweep_feet(Lattice *l) {
     float *distance = malloc((size_t)l->nodes * sizeof *distance);
-    if (!distance) return NULL;
-    for (int64_t i = 0; i < l->nodes; i++)
-        distance[i] = l->nearest[i] < 0 ? 1e9f : l->feet[l->nearest[i]].distance;
-    for (int up = 1; up >= 0; up--)
+    float *places = malloc((size_t)(6 * l->step[2]) * sizeof *places);
+    if (!distance || !places) {
+        free(distance), free(places);
+        return NULL;
+    }
+    for (int64_t i = 0; i < l->nodes; i++) {
+        float d = l->nearest[i] < 0 ? FAR_AWAY : l->feet[l->nearest[i]].distance;
+        distance[i] = d <= 1 ? -1 : d * d;
+    }
+    for (int down = 0; down < 2; down++)
         for (int32_t j = 0; j < l->size[2]; j++) {
-            int32_t z = up ? j : l->size[2] - 1 - j;
-            int64_t layer = !j ? 0 : up ? -l->step[2] : l->step[2];
-            for (int32_t y = 0; y < l->size[1]; y++)
-                pass_row(l, distance, y, z, y ? -l->step[1] : 0, layer);
-            for (int32_t y = l->size[1] - 2; y >= 0; y--)
-                pass_row(l, distance, y, z, l->step[1], 0);
+            int32_t z = down ? l->size[2] - 1 - j : j;
+            Layer mine = {places + 3 * (z % 2) * l->step[2], z};
+            Layer before = {places + 3 * ((z + 1) % 2) * l->step[2], down ? z + 1 : z - 1};
+            look_up(l, &mine);
+            pass_layer(l, distance, &mine, j ? &before : NULL);
         }
+    for (int64_t i = 0; i < l->nodes; i++)
+        distance[i] = distance[i] < 0 ? l->feet[l->nearest[i]].distance : sqrtf(distance[i]);
+    free(places);
     return distance;
 }

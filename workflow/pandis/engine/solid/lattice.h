@@ -66,6 +66,9 @@ typedef struct {
  * rounding: after rounding, faces that share a plane could cross. */
 #define FINENESS 268435456.0
 
+/* Unlike fmax, not a call of a function; neither is a NaN here. */
+static double larger(double a, double b) { return a > b ? a : b; }
+
 static double rounded(double along) { return floor(along * FINENESS + 0.5) / FINENESS; }
 
 static int64_t node_at(const Lattice *l, int32_t x, int32_t y, int32_t z) {

@@ -90,42 +90,44 @@ static double error_at(const Quadric *q, const double *p) {
     double sum = q->c + q->a[0] * p[0] * p[0] + q->a[1] * p[1] * p[1] + q->a[2] * p[2] * p[2] +
         2 * (q->a[3] * p[0] * p[1] + q->a[4] * p[0] * p[2] + q->a[5] * p[1] * p[2]) +
         2 * dot(q->b, p);
-    return q->weight > 0 ? fmax(sum, 0) / q->weight : 0;
+    return sum > 0 && q->weight > 0 ? sum / q->weight : 0;
 }
 
-static double squared_length(const Mesh *m, int32_t h) {
-    const double *p = m->places + 3 * (int64_t)origin_of(m, h);
-    const double *q = m->places + 3 * (int64_t)end_of(m, h);
+/* The cost of merging a vertex into its neighbour; infinite if too large. */
+static double cost_of(const Mesh *m, int32_t vertex, int32_t end) {
+    const double *p = m->places + 3 * (int64_t)vertex, *q = m->places + 3 * (int64_t)end;
+    double error = error_at(m->quadrics + vertex, q);
     double side[3] = {q[0] - p[0], q[1] - p[1], q[2] - p[2]};
-    return dot(side, side);
-}
-
-/* The cost of merging a half-edge's origin into its end; infinite if too large. */
-static double cost_of(const Mesh *m, int32_t h) {
-    int32_t vertex = origin_of(m, h);
-    double error = error_at(m->quadrics + vertex, m->places + 3 * (int64_t)end_of(m, h));
-    return error <= m->bound ? error + SHORT_FIRST * squared_length(m, h) : (double)INFINITY;
+    return error <= m->bound ? error + SHORT_FIRST * dot(side, side) : (double)INFINITY;
 }
 
 /* Queue a vertex by its cheapest merge. */
 static void ask_again(Mesh *m, int32_t vertex) {
     double least = INFINITY;
     int32_t h = m->out[vertex];
-    if (!m->locked[vertex]) do
-            least = fmin(least, cost_of(m, h));
-        while ((h = turned(m, h)) != m->out[vertex]);
+    if (!m->locked[vertex]) do {
+            double cost = cost_of(m, vertex, end_of(m, h));
+            if (cost < least) least = cost;
+        } while ((h = turned(m, h)) != m->out[vertex]);
     set_cost(&m->queue, vertex, least);
 }
 
-/* List the half-edges that leave a vertex; returns their number, or 0 if there are too many. */
-static int leaving(const Mesh *m, int32_t vertex, int32_t *list) {
-    int count = 0;
+/* The half-edges that leave a vertex, and the vertices they lead to. */
+typedef struct {
+    int32_t half[MOST_NEIGHBOURS], end[MOST_NEIGHBOURS];
+    int count; /* 0 if there are too many */
+} Star;
+
+static void find_star(const Mesh *m, int32_t vertex, Star *s) {
     int32_t h = m->out[vertex];
+    s->count = 0;
     do {
-        if (count == MOST_NEIGHBOURS) return 0;
-        list[count++] = h;
+        if (s->count == MOST_NEIGHBOURS) {
+            s->count = 0;
+            return;
+        }
+        s->half[s->count] = h, s->end[s->count++] = end_of(m, h);
     } while ((h = turned(m, h)) != m->out[vertex]);
-    return count;
 }
 
 /* Whether a face keeps its direction and stays wide enough with another place for a corner. */
@@ -139,7 +141,7 @@ static int stays_sound(const Mesh *m, int32_t h, const double *place) {
         w[k] = q[k] - place[k], x[k] = r[k] - place[k], y[k] = r[k] - q[k];
     }
     cross(u, v, old), cross(w, x, new);
-    double longest = fmax(dot(w, w), fmax(dot(x, x), dot(y, y))), size = length(new);
+    double longest = larger(dot(w, w), larger(dot(x, x), dot(y, y))), size = length(new);
     return dot(old, new) >= TURN * length(old) * size && size >= NARROW * longest;
 }
 
@@ -154,19 +156,22 @@ static int stays_near(const Mesh *m, int32_t h, const double *place) {
     return height * height <= MOST_OFF * MOST_OFF * m->most * dot(n, n);
 }
 
-/* Whether the origin of a half-edge can be merged into its end, given those that leave both. */
-static int can_merge(const Mesh *m, int32_t h, const int32_t *mine, int count) {
-    int32_t theirs[MOST_NEIGHBOURS], other = m->opposite[h];
-    int common = 0, there = leaving(m, end_of(m, h), theirs);
-    if (!there) return 0;
-    for (int i = 0; i < count; i++)
-        for (int j = 0; j < there; j++) common += end_of(m, mine[i]) == end_of(m, theirs[j]);
+/* Whether the origin of a half-edge, whose star is given, can be merged into its end. */
+static int can_merge(const Mesh *m, int32_t h, const Star *mine) {
+    int32_t face = h / 3, other = m->opposite[h] / 3, end = end_of(m, h);
+    Star theirs;
+    int common = 0;
+    find_star(m, end, &theirs);
+    for (int i = 0; i < mine->count; i++)
+        for (int j = 0; j < theirs.count; j++) common += mine->end[i] == theirs.end[j];
     if (common != 2) return 0;
-    const double *place = m->places + 3 * (int64_t)end_of(m, h);
-    for (int i = 0; i < count; i++)
-        if (mine[i] / 3 != h / 3 && mine[i] / 3 != other / 3 &&
-            (!stays_near(m, mine[i], place) || !stays_sound(m, mine[i], place)))
+    const double *place = m->places + 3 * (int64_t)end;
+    for (int i = 0; i < mine->count; i++) {
+        int32_t half = mine->half[i];
+        if (half / 3 != face && half / 3 != other &&
+            (!stays_near(m, half, place) || !stays_sound(m, half, place)))
             return 0;
+    }
     return 1;
 }
 
@@ -175,12 +180,13 @@ static void join(Mesh *m, int32_t one, int32_t other) {
     m->out[origin_of(m, one)] = one, m->out[origin_of(m, other)] = other;
 }
 
-/* Merge the origin of a half-edge into its end. */
-static void merge(Mesh *m, int32_t h, const int32_t *mine, int count) {
+/* Merge the origin of a half-edge, whose star is given, into its end. */
+static void merge(Mesh *m, int32_t h, const Star *mine) {
     int32_t vertex = origin_of(m, h), end = end_of(m, h), other = m->opposite[h];
     int32_t pairs[2][2] = {{m->opposite[after(h)], m->opposite[before(h)]},
         {m->opposite[after(other)], m->opposite[before(other)]}};
-    for (int i = 0; i < count; i++) m->faces[mine[i] / 3].corner[mine[i] % 3] = end;
+    for (int i = 0; i < mine->count; i++)
+        m->faces[mine->half[i] / 3].corner[mine->half[i] % 3] = end;
     m->faces[h / 3].corner[0] = m->faces[other / 3].corner[0] = -1;
     for (int i = 0; i < 2; i++) join(m, pairs[i][0], pairs[i][1]);
     add_quadric(m->quadrics + end, m->quadrics + vertex);
@@ -189,30 +195,28 @@ static void merge(Mesh *m, int32_t h, const int32_t *mine, int count) {
 /* Merge a vertex into the neighbour that is cheapest among those it can be merged into; or queue it
  * again if its cost has risen since. Costs of queued vertices are not kept up to date. */
 static void merge_cheapest(Mesh *m, int32_t vertex) {
-    int32_t mine[MOST_NEIGHBOURS], around[MOST_NEIGHBOURS];
-    double cost[MOST_NEIGHBOURS];
-    int count = leaving(m, vertex, mine);
-    double least = INFINITY;
-    for (int i = 0; i < count; i++) {
-        cost[i] = cost_of(m, mine[i]), around[i] = end_of(m, mine[i]);
-        least = fmin(least, cost[i]);
+    Star mine;
+    double cost[MOST_NEIGHBOURS], least = INFINITY;
+    find_star(m, vertex, &mine);
+    for (int i = 0; i < mine.count; i++) {
+        cost[i] = cost_of(m, vertex, mine.end[i]);
+        if (cost[i] < least) least = cost[i];
     }
     if (m->queued && least > m->queue.cost[vertex]) {
         set_cost(&m->queue, vertex, least);
         return;
     }
-    for (int tried = 0; tried < count; tried++) {
+    for (int tried = 0; tried < mine.count; tried++) {
         int best = 0;
-        for (int i = 1; i < count; i++)
+        for (int i = 1; i < mine.count; i++)
             if (cost[i] < cost[best]) best = i;
         if (cost[best] == (double)INFINITY) return;
         cost[best] = INFINITY;
-        if (!can_merge(m, mine[best], mine, count)) continue;
-        merge(m, mine[best], mine, count);
-        int32_t end = around[best];
+        if (!can_merge(m, mine.half[best], &mine)) continue;
+        merge(m, mine.half[best], &mine);
         m->out[vertex] = -1;
-        for (int i = 0; i < count && m->queued; i++)
-            if (around[i] == end || m->queue.where[around[i]] < 0) ask_again(m, around[i]);
+        for (int i = 0; i < mine.count && m->queued; i++)
+            if (i == best || m->queue.where[mine.end[i]] < 0) ask_again(m, mine.end[i]);
         return;
     }
 }

@@ -10,11 +10,10 @@ parts of the result where the source has no surface and its winding number is cl
 between 0 and 1; of a solid, those farther than a cell from the source.
 """
 
-import igl
 import numpy as np
 
 from pandis.pipeline.mesh.topology import used_vertices
-from pandis.pipeline.mesh.winding import WindingNumber
+from pandis.pipeline.mesh.tree import MeshTree
 
 #: Sample points per direction.
 SAMPLES = 100_000
@@ -27,7 +26,7 @@ ORIGINS = ("kept", "cut or moved", "cap of a hole")
 
 
 class Surface:
-    """A mesh for measuring deviations; its trees are built when first needed.
+    """A mesh for measuring deviations; its tree is built when first needed.
 
     Parameters
     ----------
@@ -40,23 +39,21 @@ class Surface:
         used = self.vertices[used_vertices(self.faces)]
         self.low, self.high = used.min(axis=0), used.max(axis=0)
         self.diagonal = float(np.linalg.norm(self.high - self.low))
-        self._tree = self._winding = None
+        self._lazy = None
+
+    @property
+    def _tree(self):
+        if self._lazy is None:
+            self._lazy = MeshTree(self.vertices, self.faces)
+        return self._lazy
 
     def distance(self, points):
         """Return the unsigned distance (n,) from points (n, 3) to the mesh."""
-        if self._tree is None:
-            self._tree = igl.AABB()
-            self._tree.init(self.vertices, self.faces)
-        squared, _, _ = self._tree.squared_distance(
-            self.vertices, self.faces, np.ascontiguousarray(points)
-        )
-        return np.sqrt(squared)
+        return self._tree.distance(points)
 
     def windings(self, points):
         """Return the winding number (n,) at points (n, 3)."""
-        if self._winding is None:
-            self._winding = WindingNumber(self.vertices, self.faces)
-        return self._winding(points)
+        return self._tree.windings(points)
 
     def sample(self, count, rng, among):
         """Draw ``count`` points uniformly by area; return those on faces in the mask ``among``.

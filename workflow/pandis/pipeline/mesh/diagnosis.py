@@ -17,7 +17,7 @@ from pandis.pipeline.mesh.topology import (
     same_place,
     used_vertices,
 )
-from pandis.pipeline.mesh.winding import WindingNumber
+from pandis.pipeline.mesh.tree import MeshTree
 
 #: A face whose smallest altitude is at most this share of its longest edge has no usable normal.
 FLAT = 1e-13
@@ -218,7 +218,7 @@ def altitudes(corners):
 def _odd_windings(unit, faces):
     half = np.ptp(unit[used_vertices(faces)], axis=0) / 2
     points = np.random.default_rng(0).uniform(-1, 1, (WINDING_POINTS, 3)) * half
-    turns = WindingNumber(unit, faces)(points)
+    turns = MeshTree(unit, faces).windings(points)
     # the mesh is closed, so winding numbers are whole: only 0 and 1 are within 0.75 of 0.5
     return int((np.abs(turns - 0.5) > 0.75).sum())
 

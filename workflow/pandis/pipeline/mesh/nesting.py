@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from pandis.pipeline.mesh.winding import WindingNumber
+from pandis.pipeline.mesh.tree import MeshTree
 
 
 def signed_volumes(vertices, faces, component, *, count):
@@ -44,7 +44,7 @@ def nesting_depth(vertices, faces, component, *, count, crossings):
         free = [k for k in enclosed if (min(k, outer), max(k, outer)) not in overlapping]
         if free:
             shell = faces[order[starts[outer] : starts[outer + 1]]]
-            depth[free] += np.abs(WindingNumber(vertices, shell)(some_vertex[free])) > 0.5
+            depth[free] += np.abs(MeshTree(vertices, shell).windings(some_vertex[free])) > 0.5
     return depth
 
 

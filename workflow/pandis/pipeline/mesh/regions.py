@@ -5,10 +5,10 @@ nearest face in the file. For OBJ, PLY, STL and OFF files, an array beside the f
 material to each face.
 """
 
-import igl
 import numpy as np
 
 from pandis.base.errors import PandisError
+from pandis.pipeline.mesh.tree import MeshTree
 from pandis.pipeline.run.ask.sourcing import regions_file
 
 #: Maximum number of regions in a mesh, because an index into them is stored in one byte.
@@ -141,12 +141,9 @@ def carry(mesh, region, onto):
     onto : tuple of ndarray
         Vertices and faces of the mesh whose regions are returned.
     """
-    vertices, faces = np.ascontiguousarray(mesh[0], np.float64), np.ascontiguousarray(mesh[1])
     corners = onto[0][onto[1]]
-    tree = igl.AABB()
-    tree.init(vertices, faces.astype(np.int64))
     points = np.einsum("ak,fkj->afj", _PLACES, corners).reshape(-1, 3)
-    _, nearest, _ = tree.squared_distance(vertices, faces.astype(np.int64), points)
+    _, nearest = MeshTree(*mesh).closest(points)
     candidates = region[nearest].reshape(len(_PLACES), -1)
     # argmax returns the first of equal counts: the centre's region
     votes = (candidates[:, None] == candidates).sum(axis=1)

@@ -11,7 +11,7 @@ import igl
 import numpy as np
 
 from pandis.pipeline.mesh.topology import components, edges_of, used_vertices
-from pandis.pipeline.mesh.winding import WindingNumber
+from pandis.pipeline.mesh.tree import MeshTree
 
 #: Depth of the octree at which every cell is visited.
 DENSE_LEVEL = 5
@@ -65,31 +65,20 @@ def winding_remesh(vertices, faces, level):
     return (v - 0.5) / scale + centre, f
 
 
-class _Field:
-    def __init__(self, vertices, faces):
-        self.vertices, self.faces = vertices, np.ascontiguousarray(faces)
-        self.winding = WindingNumber(vertices, faces)
-        self.tree = igl.AABB()
-        self.tree.init(self.vertices, self.faces)
-
-    def distance(self, points):
-        return np.sqrt(self.tree.squared_distance(self.vertices, self.faces, points)[0])
-
+class _Field(MeshTree):
     def side(self, points):
-        return np.clip(SLOPE * (1 - 2 * self.winding(points)), -1, 1)
+        return np.clip(SLOPE * (1 - 2 * self.windings(points)), -1, 1)
 
     def __call__(self, points):
-        points = np.ascontiguousarray(points)
         return self.distance(points) * self.side(points)
 
 
 def _active(cells, depth, field):
     """Return the cells that the surface may cross, and the cells around a change of side."""
     size = 2.0**-depth
-    centres = np.ascontiguousarray((cells + 0.5) * size)
-    near = field.distance(centres) <= size * np.sqrt(3) / 2 * 1.01
+    near = field.distance((cells + 0.5) * size) <= size * np.sqrt(3) / 2 * 1.01
     corners, index = _corners_of(cells, depth)
-    inside = field.side(np.ascontiguousarray(corners * size)) < 0
+    inside = field.side(corners * size) < 0
     count = inside[index].sum(axis=1)
     change = cells[(count > 0) & (count < 8)]
     around = (

@@ -2,7 +2,6 @@
 
 from typing import NamedTuple
 
-import igl
 import numpy as np
 from scipy.sparse import coo_array
 
@@ -10,7 +9,7 @@ from pandis.engine.solid import FINENESS, NO_ROOM, ON_CAP, ON_DOOR, ON_SHEET, me
 from pandis.pipeline.mesh.diagnosis import FLAT, altitudes, crossing_faces
 from pandis.pipeline.mesh.nesting import signed_volumes
 from pandis.pipeline.mesh.topology import compact
-from pandis.pipeline.mesh.winding import WindingNumber
+from pandis.pipeline.mesh.tree import MeshTree
 from pandis.pipeline.run.records.mesh import SolidFacts
 
 #: Kinds of components: the source's own surface; closed by caps or doors; several surfaces as one;
@@ -136,15 +135,16 @@ def _placed(boundary, source, thickness):
     if not len(side):
         return places
     corners, faces = source.frame.to_cells(source.vertices), source.faces
-    squared, _, closest = igl.point_mesh_squared_distance(places[side], corners, faces)
-    distance = np.sqrt(squared)
+    tree = MeshTree(corners, faces)
+    closest, _ = tree.closest(places[side])
+    distance = np.linalg.norm(places[side] - closest, axis=1)
     near = (distance > 0) & (distance < _REACH)
     side, distance, closest = side[near], distance[near], closest[near]
     outward = (places[side] - closest) / distance[:, None]
     offset = np.full(len(side), thickness / 2)
     if source.closed:  # between two layers of the source, a thin solid is as thick as it is
         depth = closest - _THIN * outward
-        offset[WindingNumber(corners, faces)(depth) > 0.75] = 0
+        offset[tree.windings(depth) > 0.75] = 0
     places[side] = closest + np.minimum(offset, distance)[:, None] * outward
     return places
 

@@ -4,7 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from pandis.pipeline.mesh.winding import WindingNumber
+from pandis.pipeline.mesh.tree import MeshTree
 
 #: Shares of a room's wall that are noise: caps and doors up to the first never open it.
 _NOISE = 0.002
@@ -68,7 +68,7 @@ def solid_rooms(lattice, middles, source, *, share, keep_cavities):
         return Rooms(solid, 0, 0, np.zeros(count, bool), [], np.arange(0))
     winding, single = np.zeros(count), source.faces[~source.doubled]
     if len(single):  # the two orientations of a face cancel
-        winding = np.abs(WindingNumber(source.vertices, single)(middles))
+        winding = np.abs(MeshTree(source.vertices, single).windings(middles))
     walls = lattice.walls()
     between = walls.rooms[:, 0] != walls.rooms[:, 1]
     real = between & ~walls.cap
