@@ -5,7 +5,16 @@ from typing import NamedTuple
 import numpy as np
 from scipy.sparse import coo_array
 
-from pandis.engine.solid import FINENESS, NO_ROOM, ON_CAP, ON_DOOR, ON_SHEET, meetings, simplified
+from pandis.engine.solid import (
+    AT_CORNER,
+    FINENESS,
+    NO_ROOM,
+    ON_CAP,
+    ON_DOOR,
+    ON_SHEET,
+    meetings,
+    simplified,
+)
 from pandis.pipeline.mesh.diagnosis import FLAT, altitudes, crossing_faces
 from pandis.pipeline.mesh.nesting import signed_volumes
 from pandis.pipeline.mesh.topology import compact
@@ -19,12 +28,18 @@ KINDS = ("closed", "filled", "solid", "sheet")
 _SMOOTHING = 10
 #: Sides of sheets farther than this from the source stay where they are, cells.
 _REACH = 1.6
+#: Corners farther than this from the source go back to it, cells: in a thin part, planes of both
+#: sides meet beside it.
+_OFF = 0.05
 #: The mean distance of merged vertices, as a share of the tolerance: some are farther.
 _MEAN = 0.5
 #: Attempts at a surface without crossing faces, and the width of the surroundings that are locked.
 _ATTEMPTS, _NEAR = 12, 2.0
 #: Rounds in which vertices of crossing faces go back.
 _ROUNDS = 12
+#: What is left of their way after the first time: the two sides of a thin part end at its rim, and
+#: a small part of the way back parts them.
+_FIRST_BACK = 0.83
 #: Maximum numbers of caps, doors and components listed, the largest first.
 LISTED = 20
 #: Thickness from which a thin solid of a closed source is drawn as it is, cells.
@@ -126,22 +141,22 @@ def _components(boundary, parts, scale, *, small, buried):
 
 
 def _placed(boundary, source, thickness):
-    """Return places (V, 3) of the vertices with the sides of sheets and doors where they belong."""
+    """Return places (V, 3) of the vertices, with sides, corners and doors where they belong."""
     places = boundary.places.copy()
     door = np.flatnonzero(boundary.origin == ON_DOOR)
     if len(door):
         places = _smoothed(places, boundary.faces, door)
-    side = np.flatnonzero(boundary.origin == ON_SHEET)
+    side = np.flatnonzero(np.isin(boundary.origin, (ON_SHEET, AT_CORNER)))
     if not len(side):
         return places
-    corners, faces = source.frame.to_cells(source.vertices), source.faces
-    tree = MeshTree(corners, faces)
+    tree = MeshTree(source.frame.to_cells(source.vertices), source.faces)
     closest, _ = tree.closest(places[side])
     distance = np.linalg.norm(places[side] - closest, axis=1)
-    near = (distance > 0) & (distance < _REACH)
+    corner = boundary.origin[side] == AT_CORNER
+    near = (distance > _OFF * corner) & (distance < _REACH)
     side, distance, closest = side[near], distance[near], closest[near]
     outward = (places[side] - closest) / distance[:, None]
-    offset = np.full(len(side), thickness / 2)
+    offset = np.where(corner[near], 0, thickness / 2)
     if source.closed:  # between two layers of the source, a thin solid is as thick as it is
         depth = closest - _THIN * outward
         offset[tree.windings(depth) > 0.75] = 0
@@ -167,8 +182,8 @@ def _smoothed(places, faces, chosen):
 def _sound(boundary, target):
     """Return places (V, 3) near the targets, where no faces cross in floating point.
 
-    Vertices of crossing faces go back towards the lattice, where no faces cross, by halves; with
-    their neighbours after some rounds.
+    Vertices of crossing faces go back towards the lattice, where no faces cross: a small part of
+    the way, then by halves; with their neighbours after some rounds.
     """
     moved = (target != boundary.places).any(axis=1)
     share, faces = moved.astype(float), boundary.faces
@@ -187,7 +202,8 @@ def _sound(boundary, target):
         back &= share > 0
         if not back.any():
             break
-        share[back] = np.where((share[back] > 0.2) & (turn < _ROUNDS // 2), share[back] / 2, 0.0)
+        slower = np.where(share[back] == 1, _FIRST_BACK, share[back] / 2)
+        share[back] = np.where((share[back] > 0.2) & (turn < _ROUNDS // 2), slower, 0.0)
         question = back[faces].any(axis=1)
     return places
 
