@@ -25,7 +25,7 @@ from pandis.__main__ import main
 from pandis.base.errors import PandisError, ReadError
 from pandis.pipeline.dataset.layouts import LAYOUTS
 from pandis.pipeline.dataset.pool import Lost, Pool
-from pandis.pipeline.dataset.reading import ROWS
+from pandis.pipeline.dataset.reading import MESH, ROWS
 from pandis.pipeline.dataset.rows import Work
 from pandis.pipeline.dataset.worker import _answer
 from pandis.pipeline.geometry.strata import STRATA
@@ -618,7 +618,7 @@ def test_layouts_refuse_names_that_they_cannot_tell_apart(tmp_path):
         (tmp_path / "meshes" / name).parent.mkdir(parents=True)
         (tmp_path / "meshes" / f"{name}.ply").write_bytes(ball())
     store, _ = label(tmp_path / "meshes", tmp_path / "s.zarr")
-    for layout in LAYOUTS:
+    for layout in set(LAYOUTS) - {"zarr"}:
         with pytest.raises(PandisError, match="would both be written to"):
             store.export(layout, tmp_path / "out")
     with pytest.raises(PandisError, match="at least 1"):
@@ -745,6 +745,36 @@ def test_rows_are_written_as_files_and_as_tars(ball_store, tmp_path):
         assert archive.getnames() == ["round-ball.npz", "round-ball.json"]
         data = np.load(io.BytesIO(archive.extractfile("round-ball.npz").read()))
         assert (data["distance"] == rows["distance"]).all()
+
+
+def test_all_rows_are_written_as_one_zarr_group(folder, tmp_path, monkeypatch):
+    import zarr
+
+    monkeypatch.setattr("pandis.pipeline.dataset.joined._CHUNKS_PER_FILE", 2)  # several files
+    store, _ = label(folder, tmp_path / "s.zarr", chunk=256)
+    files = store.export("zarr", tmp_path / "all.zarr")
+    assert all(path.is_file() for path in files)
+    group = zarr.open(tmp_path / "all.zarr", mode="r")
+    listed = group.attrs["meshes"]
+    assert [mesh["name"] for mesh in listed] == store.names
+    assert len(listed) > 1
+    assert group["points"].shards
+    assert group.attrs["sign"] == "negative inside"
+    whole = pandis.LabelStore(store.path, columns=tuple(ROWS))
+    for mesh in listed:
+        expected = whole.rows(mesh["name"])
+        start, count = mesh["rows"]
+        for name in ROWS:
+            assert (group[name][start : start + count] == expected[name]).all()
+        for name, expected in zip(MESH, store.mesh(mesh["name"]), strict=True):
+            start, count = mesh[name]
+            assert (group[name][start : start + count] == expected).all()
+        centre, scale = store.frame(mesh["name"])
+        assert mesh["centre"] == centre.tolist()
+        assert mesh["scale"] == scale
+    assert group["points"].shape[0] == sum(mesh["rows"][1] for mesh in listed)
+    with pytest.raises(PandisError, match="contains something"):
+        store.export("zarr", tmp_path / "all.zarr")
 
 
 def test_unknown_layouts_and_columns_are_refused(ball_store, tmp_path):

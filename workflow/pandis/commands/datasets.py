@@ -21,8 +21,8 @@ def add_options(name, parser):
     del name
     parser.epilog = (
         "examples:\n  pandis layout parts.zarr --as vecset -o training/\n\nPoints of vecset, "
-        "hunyuan and dora are drawn anew and labelled as they are rounded; npz and webdataset "
-        "have the stored rows."
+        "hunyuan and dora are drawn anew and labelled as they are rounded; npz, webdataset and "
+        "zarr have the stored rows."
     )
     parser.add_argument("store", metavar="STORE", help="the folder of a data set")
     parser.add_argument("--as", dest="layout", choices=LAYOUTS, required=True, help="the layout")

@@ -15,6 +15,7 @@ from pandis.base.errors import PandisError
 from pandis.base.files import write_atomically
 from pandis.base.frame import Frame
 from pandis.base.streams import generator
+from pandis.pipeline.dataset.joined import write_joined
 from pandis.pipeline.geometry.body import Body
 from pandis.pipeline.mesh.topology import edges_of
 from pandis.pipeline.run.plan.stages import stage_seed
@@ -141,7 +142,7 @@ def _dora(drawer, count):
 
 #: Layouts whose points are drawn anew, and those that write the stored rows.
 _DRAWN = {"vecset": _vecset, "hunyuan": _hunyuan, "dora": _dora}
-LAYOUTS = (*_DRAWN, "npz", "webdataset")
+LAYOUTS = (*_DRAWN, "npz", "webdataset", "zarr")
 
 
 def write_layout(store, layout, folder, *, points=None, seed=0, log=lambda text: None):
@@ -150,8 +151,8 @@ def write_layout(store, layout, folder, *, points=None, seed=0, log=lambda text:
     Parameters
     ----------
     store : pandis.pipeline.dataset.reading.LabelStore
-        With all its columns, for ``npz`` and ``webdataset``.
-    layout : {"vecset", "hunyuan", "dora", "npz", "webdataset"}
+        With all its columns, for the layouts that have its rows.
+    layout : {"vecset", "hunyuan", "dora", "npz", "webdataset", "zarr"}
     folder : path-like
     points : Points, optional
         Numbers of points of the first three layouts; the others have the rows of the store.
@@ -173,6 +174,8 @@ def write_layout(store, layout, folder, *, points=None, seed=0, log=lambda text:
     folder, written = Path(folder), []
     if (points and min(points) < 1) or seed < 0:
         raise PandisError("numbers of points must be at least 1, and the seed at least 0")
+    if layout == "zarr":
+        return write_joined(store, folder, log)
     _refuse_equal_places(store.names, layout)
     if layout == "webdataset":
         return _tars(store, folder, log)

@@ -225,9 +225,9 @@ class LabelStore:
 
         Parameters
         ----------
-        layout : {"vecset", "hunyuan", "dora", "npz", "webdataset"}
+        layout : {"vecset", "hunyuan", "dora", "npz", "webdataset", "zarr"}
             That of 3DShape2VecSet, Hunyuan3D-2.1 or Dora, whose points are drawn anew; or the
-            stored rows, in a file for each mesh or a tar for each shard.
+            stored rows, in a file for each mesh, a tar for each shard, or one zarr group.
         folder : path-like
         seed : int
         **points
