@@ -2,6 +2,7 @@
 
 import yaml
 
+from shapes import box
 from support import ROOT, copy_workflow
 
 CONFIG = ("--configfile", "config/small.yaml")
@@ -16,6 +17,8 @@ SMALL = {
 }
 #: What holds durations, or is made from what does.
 MEASURED = {"timing.zarr.zip", "hardware.zarr.zip", "hardware.json", "report.html", "summary.csv"}
+#: Folders of no results.
+PASSING = {"logs", "benchmarks", ".resume"}
 
 
 def copied(folder, fields, meshes):
@@ -26,11 +29,25 @@ def copied(folder, fields, meshes):
     return folder
 
 
+def with_data_set(folder):
+    """Copy the workflow there, with a data set of three meshes, of which one is broken."""
+    copied(folder, ["exact"], {})
+    config = yaml.safe_load((folder / "config/small.yaml").read_text())
+    samples = {"surface": 500, "near": 500, "volume": 500}
+    config["datasets"] = {"parts": {"source": "parts", "samples": samples, "shards": 2}}
+    (folder / "config/small.yaml").write_text(yaml.safe_dump(config))
+    (folder / "parts").mkdir()
+    box((20, 10, 10), 5).export(folder / "parts/box.obj")
+    box((1, 2, 3), 1).export(folder / "parts/small.obj")
+    (folder / "parts/broken.obj").write_text("v 0 0 0\nf 1 2 3\n")
+    return folder
+
+
 def results(folder):
     """Return the results below a folder that reproduce: the path of each by its name."""
     return {str(path.relative_to(folder)): path for path in (folder / "results").rglob("*")
             if path.is_file() and path.name not in MEASURED
-            and not {"logs", "benchmarks"} & {*path.relative_to(folder).parts}}  # fmt: skip
+            and not PASSING & {*path.relative_to(folder).parts}}  # fmt: skip
 
 
 def differing(one, other):

@@ -10,7 +10,7 @@ from types import SimpleNamespace
 
 import pytest
 import yaml
-from small import CONFIG, copied, differing, results
+from small import CONFIG, copied, differing, results, with_data_set
 
 from pandis.base.errors import PandisError
 from pandis.pipeline.run.host import cluster
@@ -73,6 +73,23 @@ def test_a_cancelled_job_a_killed_daemon_and_a_new_controller_are_survived(
     assert (folder / "results/torus/hardware.json").is_file()
     done = snakemake(folder, "-j2", "verify", *CONFIG)
     assert done.returncode == 0, done.stdout
+
+
+@pytest.mark.full
+def test_a_data_set_is_that_of_a_local_run(node, tmp_path):
+    here, there = with_data_set(tmp_path / "here"), with_data_set(tmp_path / "there")
+    done = snakemake(here, "-j2", *CONFIG, "--", "datasets")
+    assert done.returncode == 0, done.stdout
+    grid = node(database=False)
+    done = snakemake(there, *PROFILE, *CONFIG, "--", "datasets", **grid.environment)
+    assert done.returncode == 0, done.stdout
+    assert differing(here, there) == []
+    (there / "parts/small.obj").unlink()
+    done = snakemake(there, *PROFILE, *CONFIG, "--", "datasets", **grid.environment)
+    assert done.returncode == 0, done.stdout
+    assert "Nothing to be done" not in done.stdout
+    done = snakemake(there, *PROFILE, *CONFIG, "--", "datasets", **grid.environment)
+    assert "Nothing to be done" in done.stdout
 
 
 def running(grid, run, but=()):

@@ -1,6 +1,7 @@
 """Results in an object store: moto's server, behind a door that can be shut."""
 
 import os
+import shutil
 import socket
 import subprocess
 import sys
@@ -11,8 +12,9 @@ from types import SimpleNamespace
 
 import pytest
 from node import free_ports
-from small import CONFIG, copied
+from small import CONFIG, copied, differing, with_data_set
 
+import pandis
 from pandis.pipeline.run.host.ending import farewell
 from pandis.pipeline.run.job import stored
 from shapes import box
@@ -171,6 +173,25 @@ def test_a_store_that_goes_away_for_half_a_minute_is_waited_for(store, tmp_path)
     fetched(names, folder)
     done = snakemake(folder, "-j2", *CONFIG, "--", "verify")
     assert done.returncode == 0, done.stdout
+
+
+@pytest.mark.full
+def test_a_data_set_is_that_of_a_local_run(store, tmp_path):
+    _, names = store
+    here, there = with_data_set(tmp_path / "here"), with_data_set(tmp_path / "there")
+    done = snakemake(here, "-j2", *CONFIG, "--", "datasets")
+    assert done.returncode == 0, done.stdout
+    done = snakemake(there, *STORE, "-j2", *CONFIG, "--", "datasets", **names)
+    assert done.returncode == 0, done.stdout
+    assert not (there / "results").exists()
+    fetched(names, there)
+    assert differing(here, there) == []
+    shutil.rmtree(there / "results")
+    box((3, 2, 1), 1).export(there / "parts/new.obj")
+    done = snakemake(there, *STORE, "-j2", *CONFIG, "--", "datasets", **names)
+    assert done.returncode == 0, done.stdout
+    fetched(names, there)
+    assert pandis.LabelStore(there / "results/datasets/parts").names == ["box", "new", "small"]
 
 
 def test_what_a_run_says_names_the_store():
