@@ -18,10 +18,9 @@ from support import ROOT, environment
 
 
 def program(page):
-    """Return the only Python block of a page."""
+    """Return a page, and its blocks of Python as one program."""
     text = (ROOT / "docs" / page).read_text(encoding="utf-8")
-    (block,) = re.findall(r"^```python\n(.*?)^```$", text, re.M | re.S)
-    return text, block
+    return text, "".join(re.findall(r"^```python\n(.*?)^```$", text, re.M | re.S))
 
 
 @pytest.fixture(autouse=True)
@@ -86,6 +85,8 @@ def test_a_store_is_loaded_as_the_page_shows(tmp_path):
     exec(block.replace("num_workers=2", "num_workers=0"), seen)
     assert seen["inside"].any()
     assert len(seen["chunk"]["points"]) == 5640
+    distance, *_ = pandis.load("fields/part.pandis").query([[0, 0, 0]])
+    assert distance == pytest.approx(-6, abs=1e-3)
     shard = read_artifact(tmp_path / "parts.zarr/shards/00000.zarr.zip")
     rows = re.findall(r"^\| (`\w+`(?:, `\w+`)*) \| \(", text, re.M)
     assert {n for row in rows for n in re.findall(r"\w+", row)} | {"ranges"} == set(shard.arrays)
