@@ -750,7 +750,7 @@ def test_rows_are_written_as_files_and_as_tars(ball_store, tmp_path):
 def test_all_rows_are_written_as_one_zarr_group(folder, tmp_path, monkeypatch):
     import zarr
 
-    monkeypatch.setattr("pandis.pipeline.dataset.joined._CHUNKS_PER_FILE", 2)  # several files
+    monkeypatch.setattr("pandis.pipeline.dataset.joined._ROWS_PER_FILE", 512)  # several files
     store, _ = label(folder, tmp_path / "s.zarr", chunk=256)
     files = store.export("zarr", tmp_path / "all.zarr")
     assert all(path.is_file() for path in files)
@@ -773,8 +773,39 @@ def test_all_rows_are_written_as_one_zarr_group(folder, tmp_path, monkeypatch):
         assert mesh["centre"] == centre.tolist()
         assert mesh["scale"] == scale
     assert group["points"].shape[0] == sum(mesh["rows"][1] for mesh in listed)
-    with pytest.raises(PandisError, match="contains something"):
+    with pytest.raises(PandisError, match="no empty folder"):
         store.export("zarr", tmp_path / "all.zarr")
+
+
+def test_one_zarr_group_is_written_whole_or_not_at_all(folder, tmp_path, monkeypatch):
+    store, _ = label(folder, tmp_path / "s.zarr")
+    target, rows = tmp_path / "out", pandis.LabelStore.rows
+    with monkeypatch.context() as patched:
+        patched.setattr(pandis.LabelStore, "rows", lambda *_: 1 / 0)
+        with pytest.raises(ZeroDivisionError):
+            store.export("zarr", target)
+        assert not target.exists()
+
+        def second(self, name):  # another process is faster
+            if not target.joinpath("zarr.json").exists():
+                patched.setattr(pandis.LabelStore, "rows", rows)
+                target.rename(tmp_path / "aside")
+                self.export("zarr", target)
+                for path in (tmp_path / "aside").iterdir():
+                    path.rename(target / path.name)
+            return rows(self, name)
+
+        patched.setattr(pandis.LabelStore, "rows", second)
+        with pytest.raises(PandisError, match="no empty folder"):
+            store.export("zarr", target)
+    assert not [path for path in target.iterdir() if path.name.startswith(".")]
+    (tmp_path / "here").mkdir()
+    monkeypatch.chdir(tmp_path / "here")
+    command = ["layout", str(store.path), "--as", "zarr", "-o", "."]
+    assert main(command) == 0
+    written = {path.name for path in (tmp_path / "here").iterdir()}
+    assert written == {path.name for path in target.iterdir()}
+    assert main(command) != 0
 
 
 def test_unknown_layouts_and_columns_are_refused(ball_store, tmp_path):

@@ -151,6 +151,15 @@ def some_faces(vertices):
     return faces
 
 
+def with_slivers(vertices, faces):
+    """Return a mesh with thin triangles on some of its edges, less than rounding away from them."""
+    start, end = vertices[faces[40:60, 0]], vertices[faces[40:60, 1]]
+    thin = (start + end) / 2 + 1e-9
+    added = len(vertices) + np.arange(len(thin))
+    more = np.stack([faces[40:60, 0], faces[40:60, 1], added], axis=1)
+    return np.concatenate([vertices, thin]), np.concatenate([faces, more])
+
+
 def naive_closest(vertices, faces, points):
     """Return the distance (n, F) from points to faces by planes and edges, without a tree."""
     rows = []
@@ -180,7 +189,7 @@ def naive_closest(vertices, faces, points):
 def test_distances_are_those_of_every_face_without_a_tree(shift):
     rng = np.random.default_rng(2)
     vertices = rng.uniform(-1, 1, (60, 3)) + shift
-    faces = some_faces(vertices)
+    vertices, faces = with_slivers(vertices, some_faces(vertices))
     points = rng.uniform(-1.5, 1.5, (1500, 3)) + shift
     points[:100] = vertices[rng.integers(0, 60, 100)]
     each = naive_closest(vertices, faces, points)

@@ -525,3 +525,26 @@ def test_brute_force_gives_the_same_bits_as_the_tree():
     assert np.array_equal(labels.distance, distance)
     assert np.array_equal(labels.normal, normal)
     assert np.isnan(tree.scan(np.full((1, 3), np.nan))[0]).all()
+
+
+def opposites(faces):
+    """Return the face across each edge (3 F,): of unmatched ones, the first in order of edges."""
+    start, end = faces.reshape(-1), np.roll(faces, -1, axis=1).reshape(-1)
+    across = np.full(len(start), -1)
+    for h in range(len(start)):
+        lower = min(start[h], end[h])
+        for g in range(h + 1, len(start)):
+            same = start[g] == end[h] and end[g] == start[h] and lower == min(start[g], end[g])
+            if same and across[h] < 0 and across[g] < 0:
+                across[h], across[g] = g // 3, h // 3
+    return across
+
+
+def test_faces_across_edges_are_those_of_all_pairs():
+    """On soups, where an edge can have many faces and a face can repeat a vertex."""
+    rng = np.random.default_rng(5)
+    for _ in range(60):
+        vertices = rng.normal(size=(rng.integers(3, 12), 3))
+        faces = rng.integers(0, len(vertices), (rng.integers(1, 30), 3))
+        stored = np.frombuffer(Bvh(vertices, faces).parts()["NEIG"], np.int32)
+        np.testing.assert_array_equal(stored, opposites(faces))

@@ -254,36 +254,55 @@ static int32_t add_node(Builder *b, Range root, int depth) {
     return index;
 }
 
+static int32_t end_of(const Bvh *t, size_t h) { return t->faces[h % 3 == 2 ? h - 2 : h + 1]; }
+
+/* Half-edges that wait for their opposite, by their other end; of each end, in order. */
+typedef struct {
+    int32_t *first, *last; /* per vertex; `first` is -1 where none waits */
+    int32_t *next;         /* per half-edge */
+} Waiting;
+
+/* Join a half-edge to the first that waits for it, or let it wait at its other end. */
+static void join_or_wait(Bvh *t, Waiting *w, int32_t h, int32_t other) {
+    int32_t g = w->first[other];
+    if (g >= 0 && t->faces[g] == end_of(t, (size_t)h) && t->faces[h] == end_of(t, (size_t)g)) {
+        t->neighbours[g] = h / 3, t->neighbours[h] = g / 3;
+        w->first[other] = w->next[g];
+        return;
+    }
+    if (g < 0) w->first[other] = h;
+    else w->next[w->last[other]] = h;
+    w->last[other] = h, w->next[h] = -1;
+}
+
 /* Find the face across each edge, by half-edges bucketed by their vertex of lower index. */
 static int find_neighbours(Bvh *t) {
-    size_t halves = 3 * (size_t)t->face_count;
-    int64_t *start = calloc((size_t)t->vertex_count + 2, sizeof *start);
+    size_t halves = 3 * (size_t)t->face_count, vertices = (size_t)t->vertex_count;
+    int64_t *start = calloc(vertices + 2, sizeof *start);
     int32_t *bucket = malloc(halves * sizeof *bucket);
-    if (!start || !bucket) return free(start), free(bucket), 0;
-    for (size_t h = 0; h < halves; h++) {
-        int32_t u = t->faces[h], v = t->faces[h % 3 == 2 ? h - 2 : h + 1];
+    Waiting w = {malloc(vertices * sizeof *w.first), malloc(vertices * sizeof *w.last),
+        malloc(halves * sizeof *w.next)};
+    int done = start && bucket && w.first && w.last && w.next;
+    for (size_t h = 0; done && h < halves; h++) {
+        int32_t u = t->faces[h], v = end_of(t, h);
         start[(u < v ? u : v) + 2]++;
     }
-    for (int32_t v = 0; v < t->vertex_count; v++) start[v + 2] += start[v + 1];
-    for (size_t h = 0; h < halves; h++) {
-        int32_t u = t->faces[h], v = t->faces[h % 3 == 2 ? h - 2 : h + 1];
+    for (size_t v = 0; done && v < vertices; v++) start[v + 2] += start[v + 1], w.first[v] = -1;
+    for (size_t h = 0; done && h < halves; h++) {
+        int32_t u = t->faces[h], v = end_of(t, h);
         bucket[start[(u < v ? u : v) + 1]++] = (int32_t)h;
         t->neighbours[h] = -1;
     }
-    for (int32_t v = 0; v < t->vertex_count; v++)
-        for (int64_t i = start[v]; i < start[v + 1]; i++)
-            for (int64_t j = i + 1; j < start[v + 1]; j++) {
-                size_t g = (size_t)bucket[i], h = (size_t)bucket[j];
-                int32_t g1 = t->faces[g % 3 == 2 ? g - 2 : g + 1],
-                        h1 = t->faces[h % 3 == 2 ? h - 2 : h + 1];
-                if (t->faces[g] == h1 && t->faces[h] == g1 && t->neighbours[g] < 0 &&
-                    t->neighbours[h] < 0) {
-                    t->neighbours[g] = (int32_t)(h / 3);
-                    t->neighbours[h] = (int32_t)(g / 3);
-                }
+    for (int32_t v = 0; done && v < t->vertex_count; v++)
+        for (int turn = 0; turn < 2; turn++) /* join, then forget those that wait in vain */
+            for (int64_t i = start[v]; i < start[v + 1]; i++) {
+                int32_t u = t->faces[bucket[i]], end = end_of(t, (size_t)bucket[i]);
+                int32_t other = u == v ? end : u;
+                if (turn) w.first[other] = -1;
+                else join_or_wait(t, &w, bucket[i], other);
             }
-    free(start), free(bucket);
-    return 1;
+    free(start), free(bucket), free(w.first), free(w.last), free(w.next);
+    return done;
 }
 
 static void find_vertex_normals(Bvh *t) {

@@ -1,6 +1,9 @@
 """Writes all rows of a store as one zarr 3 group with sharded arrays, which any zarr opens."""
 
+import errno
+import secrets
 import shutil
+from contextlib import suppress
 
 import numpy as np
 
@@ -8,8 +11,8 @@ from pandis.base.errors import PandisError
 from pandis.base.files import AtomicFile
 from pandis.pipeline.dataset.reading import MESH, ROWS
 
-#: Chunks in a file of an array.
-_CHUNKS_PER_FILE = 64
+#: Rows in a file of an array, where chunks are smaller.
+_ROWS_PER_FILE = 1 << 20
 
 
 class _Rows:
@@ -51,21 +54,34 @@ def write_joined(store, folder, log):
     Raises
     ------
     PandisError
-        The folder contains something, or cannot be written.
+        The folder contains something, or cannot be written. Nothing is left behind.
     """
-    if folder.is_dir() and any(folder.iterdir()):
-        raise PandisError(f"{folder}: it contains something; name a new folder")
-    part = folder.with_name(f".{folder.name}.part")
+    is_new = not folder.exists()
+    if not is_new and (not folder.is_dir() or any(folder.iterdir())):
+        raise _used(folder)
+    part, moved = folder / f".{secrets.token_hex(8)}", []
     try:
-        shutil.rmtree(part, ignore_errors=True)
+        folder.mkdir(parents=True, exist_ok=True)
         _write(store, part, log)
-        if folder.is_dir():
-            folder.rmdir()
-        part.rename(folder)
+        for path in sorted(part.iterdir()):  # zarr.json, without which there is no group, is last
+            path.rename(folder / path.name)
+            moved.append(folder / path.name)
+        moved = []
     except OSError as error:
-        shutil.rmtree(part, ignore_errors=True)
+        if error.errno in (errno.ENOTEMPTY, errno.EEXIST):  # of two at once, the first one writes
+            raise _used(folder) from None
         raise AtomicFile(folder).explain(error) from error
+    finally:
+        for path in (part, *moved):
+            shutil.rmtree(path, ignore_errors=True)
+        if is_new:
+            with suppress(OSError):
+                folder.rmdir()
     return sorted(path for path in folder.rglob("*") if path.is_file())
+
+
+def _used(folder):
+    return PandisError(f"{folder}: it is no empty folder; name a new one")
 
 
 def _write(store, path, log):
@@ -90,7 +106,7 @@ def _write(store, path, log):
                 shape=(ends[name if name in MESH else "rows"], *shape),
                 dtype=np.dtype(kind).newbyteorder("<"),
                 chunks=chunk,
-                shards=(_CHUNKS_PER_FILE * store.chunk, *shape),
+                shards=(max(1, _ROWS_PER_FILE // store.chunk) * store.chunk, *shape),
             )
         )
     for name in store.names:

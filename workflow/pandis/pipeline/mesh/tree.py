@@ -26,7 +26,7 @@ class MeshTree:
     """
 
     def __init__(self, vertices, faces):
-        self._vertices, self._faces = vertices, faces = compact(vertices, faces)
+        vertices, faces = compact(vertices, faces)
         self.centre = (vertices.min(axis=0) + vertices.max(axis=0)) / 2
         extent = np.ptp(vertices, axis=0).max()
         self.scale = 1 / extent if extent else 1.0
@@ -44,8 +44,9 @@ class MeshTree:
     def closest(self, points):
         """Return the closest points (n, 3) of the mesh, and the faces (n,) on which they lie."""
         labels = self._tree.label(self._to_unit(points), 0.0, False)
-        corners = self._vertices[self._faces[labels.face]]
-        return np.einsum("ij,ijk->ik", labels.barycentrics, corners), labels.face
+        # barycentric coordinates would be noise on slivers
+        way = labels.distance[:, None] * np.where(labels.distance[:, None], labels.normal, 0)
+        return points - way / self.scale, labels.face
 
     def windings(self, points):
         """Return the winding number (n,) at points (n, 3)."""

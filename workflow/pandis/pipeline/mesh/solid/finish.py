@@ -159,7 +159,7 @@ def _placed(boundary, source, thickness):
     offset = np.where(corner[near], 0, thickness / 2)
     if source.closed:  # between two layers of the source, a thin solid is as thick as it is
         depth = closest - _THIN * outward
-        offset[tree.windings(depth) > 0.75] = 0
+        offset[offset > 0] *= tree.windings(depth[offset > 0]) <= 0.75
     places[side] = closest + np.minimum(offset, distance)[:, None] * outward
     return places
 
