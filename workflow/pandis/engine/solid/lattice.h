@@ -66,7 +66,7 @@ typedef struct {
  * rounding: after rounding, faces that share a plane could cross. */
 #define FINENESS 268435456.0
 
-/* Unlike fmax, not a call of a function; neither is a NaN here. */
+/* The larger of two numbers that are not NaN. A compiler inlines it, unlike fmax. */
 static double larger(double a, double b) { return a > b ? a : b; }
 
 static double rounded(double along) { return floor(along * FINENESS + 0.5) / FINENESS; }
