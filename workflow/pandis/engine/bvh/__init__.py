@@ -64,6 +64,7 @@ def library():
     lib.bvh_look.argtypes = [pointer, i32, i32, f64, pointer]
     lib.bvh_winding.argtypes = [pointer, pointer, i64, pointer, pointer]
     lib.bvh_turns.argtypes = [pointer, pointer, i64, f64, pointer]
+    lib.bvh_first_hits.argtypes = [*[pointer] * 4, f64, i64, pointer]
     lib.bvh_part.restype, lib.bvh_part.argtypes = pointer, [pointer, i32, pointer]
     lib.bvh_slabs.argtypes = [pointer, pointer]
     lib.bvh_reach.restype, lib.bvh_reach.argtypes = f64, [pointer]
@@ -244,6 +245,24 @@ class Bvh:
         if len(points):
             in_threads(part, len(points))
         return turns
+
+    def first_hits(self, points, ways, skipped, *, least=0.0):
+        """Return the lengths (n,) of rays up to the first face that they meet, or infinity.
+
+        Parameters
+        ----------
+        points, ways : ndarray, shape (n, 3)
+            Starts and unit directions.
+        skipped : ndarray, shape (n,)
+            For each ray, a face that does not count.
+        least : float
+            Hits closer than this do not count.
+        """
+        points, ways = np.ascontiguousarray(points), np.ascontiguousarray(ways)
+        skipped, lengths = np.ascontiguousarray(skipped, np.int32), np.empty(len(points))
+        columns = [column.ctypes.data for column in (points, ways, skipped)]
+        self._library.bvh_first_hits(self._tree, *columns, least, len(points), lengths.ctypes.data)
+        return lengths
 
     def winding(self, points):
         """Return the approximate and the exact winding numbers (n,) at points (n, 3)."""

@@ -89,6 +89,7 @@ static const double *corner(const Bvh *t, int32_t face, int k) {
 
 #include "ties.h"
 #include "winding.h"
+#include "rays.h"
 
 /* -------------------- answers */
 

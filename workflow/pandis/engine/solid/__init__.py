@@ -99,7 +99,6 @@ def library():
     lib.solid_walls.argtypes = [pointer] * 5
     lib.solid_doors.restype, lib.solid_doors.argtypes = i64, [pointer] * 3
     lib.solid_result.argtypes = [pointer] * 5
-    lib.solid_meetings.argtypes = [pointer, pointer, i64, pointer, pointer]
     lib.solid_simplify.argtypes = [pointer, i64, pointer, i64, pointer, ctypes.c_double]
     lib.solid_parts.restype, lib.solid_parts.argtypes = i64, [pointer, pointer]
     lib.solid_sums.argtypes = [pointer] * 5
@@ -131,26 +130,6 @@ def rims(edges, vertices):
         raise PandisError(f"not enough memory for the rims of {len(edges):,} open edges")
     sizes = sizes[:count]
     return np.split(loops[: sizes.sum()], np.cumsum(sizes)[:-1]) if count else []
-
-
-def meetings(places, faces, question):
-    """Return a mask (F,) of faces that meet a face in question, in floating point.
-
-    Faces in question without area count as well.
-
-    Parameters
-    ----------
-    places : ndarray, shape (V, 3), float64, cells
-    faces : ndarray, shape (F, 3), int32
-    question : ndarray, shape (F,), bool
-    """
-    places, faces = np.ascontiguousarray(places), np.ascontiguousarray(faces, np.int32)
-    bad, question = np.zeros(len(faces), np.uint8), np.ascontiguousarray(question, np.uint8)
-    if not library().solid_meetings(
-        places.ctypes.data, faces.ctypes.data, len(faces), question.ctypes.data, bad.ctypes.data
-    ):
-        raise PandisError(f"not enough memory for {len(faces):,} faces")
-    return bad.astype(bool)
 
 
 def simplified(places, faces, *, locked, tolerance):

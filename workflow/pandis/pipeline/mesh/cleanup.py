@@ -4,20 +4,19 @@ Each weld spans at most the tolerance, but a chain of welds may span more. Each 
 split vertex moves by `PARTING` times the diagonal, so that surfaces no longer touch.
 """
 
-import igl
 import numpy as np
-from scipy.spatial import cKDTree
 
+from pandis.engine.faces import close, connected
 from pandis.pipeline.mesh.diagnosis import FLAT, altitudes, crossing_faces
 from pandis.pipeline.mesh.nesting import must_turn, nesting_depth, signed_volumes
 from pandis.pipeline.mesh.topology import (
     compact,
     components,
-    connected,
     count_distinct,
     edges_of,
     face_keys,
     fans,
+    oriented,
     repeats_a_vertex,
     rotate_to_smallest,
     same_place,
@@ -50,8 +49,7 @@ def clean(vertices, faces, tolerance=0.0):
     if tolerance:
         # igl.remove_duplicate_vertices rounds to a lattice, which separates some close pairs
         finite = np.where(np.isfinite(vertices), vertices, 0)
-        pairs = cKDTree(finite).query_pairs(tolerance, output_type="ndarray")
-        representative = connected(pairs, len(vertices))
+        representative = connected(close(finite, tolerance), len(vertices))
     else:
         representative = same_place(vertices)
     welded = representative[faces]
@@ -157,7 +155,7 @@ def orient(vertices, faces, nested="cavity"):
     faces = np.ascontiguousarray(faces, np.int64)
     edges = edges_of(faces)
     if edges.conflicts.any() or (edges.nonmanifold.any() and not edges.balanced):
-        faces = np.ascontiguousarray(igl.bfs_orient(faces)[0], np.int64)
+        faces = oriented(faces)
     component, count = components(faces)
     volumes = signed_volumes(vertices, faces, component, count=count)
     depth = np.zeros(count, np.int64)
@@ -342,7 +340,7 @@ def _inward(normals, rounds=60):
     return best
 
 
-def loosen(vertices, faces, crossings=crossing_faces, *, tries=40):
+def loosen(vertices, faces, *, tries=40):
     """Perturb the corners of the few faces that still cross or touch.
 
     After the coordinates of an exact union are rounded to float64, a few faces may touch
@@ -352,8 +350,6 @@ def loosen(vertices, faces, crossings=crossing_faces, *, tries=40):
     Parameters
     ----------
     vertices, faces : ndarray
-    crossings : callable
-        Takes vertices and faces; returns the pairs of faces that cross.
 
     Returns
     -------
@@ -361,20 +357,20 @@ def loosen(vertices, faces, crossings=crossing_faces, *, tries=40):
     """
     rng = np.random.default_rng(0)
     diagonal = np.linalg.norm(np.ptp(vertices[used_vertices(faces)], axis=0))
-    pairs = crossings(vertices, faces)
+    pairs = crossing_faces(vertices, faces)
     if not 0 < len(pairs) <= 1000:
         return vertices, faces
     around = faces[
         _near(vertices, faces, np.unique(faces[pairs.reshape(-1)]), margin=1e-5 * diagonal)
     ]
-    pairs = crossings(vertices, around)
+    pairs = crossing_faces(vertices, around)
     for amount in np.geomspace(1e-9, 1e-6, tries) * diagonal:
         if not len(pairs):
             break
         moving = np.unique(around[pairs.reshape(-1)])
         moved = vertices.copy()
         moved[moving] += amount * rng.uniform(-1, 1, (len(moving), 3))
-        now = crossings(moved, around)
+        now = crossing_faces(moved, around)
         if len(now) < len(pairs):
             vertices, pairs = moved, now
     return vertices, faces

@@ -2,11 +2,10 @@
 
 from dataclasses import asdict, dataclass, field
 
-import igl
-import igl.predicates
 import numpy as np
 
 from pandis.base.arrays import Faces, Vertices
+from pandis.engine.faces import crossings as find_crossings
 from pandis.pipeline.mesh.nesting import must_turn, nesting_depth, signed_volumes
 from pandis.pipeline.mesh.topology import (
     components,
@@ -137,7 +136,7 @@ def diagnose(vertices: Vertices, faces: Faces, *, crossings=None):
     altitude, area = altitudes(vertices[faces])
     unit = _unit_box(vertices, used)
     if crossings is None:
-        crossings = crossing_faces(vertices, faces)  # of the original mesh: scaling would round
+        crossings = crossing_faces(vertices, faces)
     volumes = signed_volumes(vertices, faces, component, count=count)
     solid = edges.closed and not edges.conflicts.any()
     depth = (
@@ -145,6 +144,7 @@ def diagnose(vertices: Vertices, faces: Faces, *, crossings=None):
         if edges.closed
         else None
     )
+    tree = MeshTree(unit, faces) if solid else None
     euler = len(used) - edges.count + len(faces)
     torn = len(nonmanifold_vertices(faces, edges))
     figures = {
@@ -165,7 +165,7 @@ def diagnose(vertices: Vertices, faces: Faces, *, crossings=None):
         "split_vertices": len(separate) - len(used),
         "inverted_components": int(must_turn(volumes, depth).sum()) if solid else 0,
         "self_intersections": len(crossings),
-        "odd_windings": _odd_windings(unit, faces) if solid else 0,
+        "odd_windings": _odd_windings(tree, unit[used]) if solid else 0,
         "volume": float(volumes.sum()),
         "area": float(area.sum()),
         "diagonal": float(np.linalg.norm(np.ptp(vertices[used], axis=0))),
@@ -177,50 +177,48 @@ def diagnose(vertices: Vertices, faces: Faces, *, crossings=None):
     if not diagnosis.valid:
         return diagnosis
     scale = np.ptp(vertices[used], axis=0).max()
-    return Diagnosis(**figures, wall=_wall_thickness(unit, faces, area, scale=scale))
+    return Diagnosis(**figures, wall=_wall_thickness(tree, unit[faces], area, scale=scale))
 
 
-def crossing_faces(vertices: Vertices, faces: Faces):
+def crossing_faces(vertices: Vertices, faces: Faces, question=None):
     """Return the pairs (m, 2) of faces that meet outside their shared vertices and edges, sorted.
 
-    The test is exact (libigl's predicates). Faces that merely touch are included, because the
-    closest surface is ambiguous where two surfaces touch.
+    The test is exact. Faces that merely touch are included, because the closest surface is
+    ambiguous where two surfaces touch. Faces that use a vertex twice are left out.
+
+    Parameters
+    ----------
+    vertices : ndarray, shape (V, 3), float64
+    faces : ndarray, shape (F, 3), int64
+    question : ndarray, shape (F,), bool, optional
+        Only pairs with at least one of these faces are returned.
     """
     sound = np.flatnonzero(~repeats_a_vertex(faces))
-    if not len(sound):
-        return np.empty((0, 2), np.int64)
-    # libigl uses an absolute tolerance, so scale the size to about 1. A power of two avoids
-    # rounding: any other scale, or a shift, could make coplanar faces cross
-    size = np.abs(np.ptp(vertices[faces[sound].reshape(-1)], axis=0)).max()
-    scaled = np.ldexp(vertices, -int(np.frexp(size)[1]))
-    _, pairs, _ = igl.predicates.find_self_intersections(
-        np.ascontiguousarray(scaled), np.ascontiguousarray(faces[sound])
-    )
-    # the order of libigl's answer is unspecified, and has differed between runs
-    pairs = np.sort(np.asarray(pairs, np.int64).reshape(-1, 2), axis=1)
-    return sound[pairs[np.lexsort(pairs.T[::-1])]]
+    chosen = None if question is None else question[sound]
+    return sound[find_crossings(vertices, faces[sound], chosen)]
 
 
 def _unit_box(vertices, used):
-    """Centre vertices and scale the longest side to 1, for libigl's float32 and the thresholds."""
+    """Centre vertices and scale the longest side to 1, so that products do not underflow."""
     low, high = vertices[used].min(axis=0), vertices[used].max(axis=0)
     return (vertices - (low + high) / 2) / (high - low).max()
 
 
 def altitudes(corners):
     """Return (smallest altitude / longest edge) and area of faces with corners (F, 3, 3)."""
-    sides = np.roll(corners, -1, axis=1) - corners
-    longest = np.linalg.norm(sides, axis=2).max(axis=1)
-    double = np.linalg.norm(np.cross(sides[:, 0], sides[:, 1]), axis=1)
+    a, b, c = (np.ascontiguousarray(corners[:, k]) for k in range(3))
+    normal = np.cross(b - a, c - b)
+    longest, double = 0.0, np.sqrt(np.einsum("ij,ij->i", normal, normal))
+    for side in (b - a, c - b, a - c):
+        longest = np.maximum(longest, np.sqrt(np.einsum("ij,ij->i", side, side)))
     return double / np.maximum(longest, 1e-300) / np.maximum(longest, 1e-300), double / 2
 
 
-def _odd_windings(unit, faces):
-    half = np.ptp(unit[used_vertices(faces)], axis=0) / 2
+def _odd_windings(tree, used):
+    half = np.ptp(used, axis=0) / 2
     points = np.random.default_rng(0).uniform(-1, 1, (WINDING_POINTS, 3)) * half
-    turns = MeshTree(unit, faces).windings(points)
     # the mesh is closed, so winding numbers are whole: only 0 and 1 are within 0.75 of 0.5
-    return int((np.abs(turns - 0.5) > 0.75).sum())
+    return int((np.abs(tree.windings(points) - 0.5) > 0.75).sum())
 
 
 def _parts(component, count, volumes, *, depth):
@@ -236,25 +234,19 @@ def _parts(component, count, volumes, *, depth):
     ]
 
 
-def _wall_thickness(unit, faces, area, *, scale):
+def _wall_thickness(tree, corners, area, *, scale):
     """Return the minimum and first percentile of the wall thickness, along inward normals."""
     rng = np.random.default_rng(0)
     start = np.minimum(
-        np.searchsorted(np.cumsum(area) / area.sum(), rng.random(THICKNESS_RAYS)), len(faces) - 1
+        np.searchsorted(np.cumsum(area) / area.sum(), rng.random(THICKNESS_RAYS)), len(area) - 1
     )
-    corners = unit[faces[start]]
+    corners = corners[start]
     normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     normal /= np.linalg.norm(normal, axis=1, keepdims=True)
     weights = rng.dirichlet((1, 1, 1), len(start))
     origin = np.einsum("ij,ijk->ik", weights, corners)
-    tree = igl.AABB()
-    tree.init(unit, faces)
-    hits = tree.intersect_ray(unit, faces, origin, -normal)
-    ways = [
-        min((hit[1] for hit in seen if hit[0] != face), default=np.nan)
-        for face, seen in zip(start.tolist(), hits, strict=True)
-    ]
-    ways = np.asarray(ways)[np.isfinite(ways)] * scale
-    if not len(ways):
+    lengths = tree.first_hits(origin, -normal, start) * scale
+    lengths = lengths[np.isfinite(lengths)]
+    if not len(lengths):
         return None
-    return {"min": float(ways.min()), "p1": float(np.percentile(ways, 1))}
+    return {"min": float(lengths.min()), "p1": float(np.percentile(lengths, 1))}

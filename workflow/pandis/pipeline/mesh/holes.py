@@ -45,7 +45,7 @@ def fill_holes(vertices, faces):
         parts = [caps[k, choice[k]] for k in range(len(rims))]
         filled = np.concatenate([faces, *parts])
         owner = np.repeat(np.arange(len(rims)), [len(p) for p in parts])
-        pairs = crossing_faces(vertices, filled)
+        pairs = crossing_faces(vertices, filled, np.arange(len(filled)) >= len(faces))
         if best is None or len(pairs) < best[0]:
             best = (len(pairs), filled)
         at_fault = np.unique(owner[(pairs[pairs >= len(faces)]) - len(faces)])

@@ -1,11 +1,11 @@
 """Open surfaces: finds holes too large to fill by default, and advises on options."""
 
-import igl
 import numpy as np
 
 from pandis.pipeline.mesh.deviation import Surface
 from pandis.pipeline.mesh.remesh import orient_by_sight
 from pandis.pipeline.mesh.topology import components, edges_of, used_vertices
+from pandis.pipeline.mesh.tree import MeshTree
 
 #: Capping is advised only if at most this share of the area has no solid behind it.
 SHEETS = 0.05
@@ -70,10 +70,10 @@ def loose_pieces(vertices, faces, small_hole, *, max_edges):
     )
     share = np.bincount(label, area, count) / max(area.sum(), 1e-300)
     inside = np.zeros(count, bool)
-    shell = np.ascontiguousarray(faces[~open_[label]], np.int64)
+    shell = faces[~open_[label]]
     if len(shell) and open_.any():
-        middles = np.ascontiguousarray(corners[open_[label]].mean(axis=1))
-        within = np.abs(igl.winding_number(np.ascontiguousarray(vertices), shell, middles)) > 0.5
+        middles = corners[open_[label]].mean(axis=1)
+        within = np.abs(MeshTree(vertices, shell).windings(middles)) > 0.5
         least = np.ones(count, bool)
         np.logical_and.at(least, label[open_[label]], within)
         inside = open_ & least

@@ -7,10 +7,9 @@ multiplied by a side, which changes gradually with the winding number, from 1 (o
 surface or near a change of side are visited.
 """
 
-import igl
 import numpy as np
 
-from pandis.pipeline.mesh.topology import components, edges_of, used_vertices
+from pandis.pipeline.mesh.topology import components, edges_of, oriented, patches, used_vertices
 from pandis.pipeline.mesh.tree import MeshTree
 
 #: Depth of the octree at which every cell is visited.
@@ -54,6 +53,8 @@ def winding_remesh(vertices, faces, level):
         cells = _active(children, depth, field)
     corners, index = _corners_of(cells, level)
     value = field(corners / 2**level)
+    import igl  # imports scipy.sparse, which takes longer than most other rungs
+
     # a value of exactly 0 at a node would produce faces without area
     tiny = 1e-3 / 2**level
     value = np.where(np.abs(value) < tiny, np.where(value < 0, -tiny, tiny), value)
@@ -124,19 +125,16 @@ def orient_by_sight(vertices, faces):
     """
     faces = np.ascontiguousarray(faces, np.int64)
     used = vertices[used_vertices(faces)]
-    # scale to 1, because libigl's rays miss faces of size 1e-9
-    vertices = np.ascontiguousarray((vertices - used.min(axis=0)) / np.ptp(used, axis=0).max())
+    vertices = (vertices - used.min(axis=0)) / np.ptp(used, axis=0).max()
     edges = edges_of(faces)
-    patch, count = components(faces) if not edges.nonmanifold.any() else _patches(faces)
+    patch, count = patches(faces) if edges.nonmanifold.any() else components(faces)
     if edges.conflicts.any():
-        faces = np.ascontiguousarray(igl.bfs_orient(faces)[0])
+        faces = oriented(faces)
     corners = vertices[faces]
     normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     area = np.linalg.norm(normal, axis=1)
     normal /= np.maximum(area, 1e-300)[:, None]
     rng = np.random.default_rng(0)
-    tree = igl.AABB()
-    tree.init(vertices, faces)
     order = np.argsort(patch, kind="stable")
     groups = np.split(order, np.cumsum(np.bincount(patch, minlength=count))[:-1])
     rays = max(8, min(RAYS, 40_000 // count))
@@ -148,21 +146,9 @@ def orient_by_sight(vertices, faces):
     front = np.einsum("ij,ij->i", way, normal[chosen]) > 0
     weights = rng.dirichlet((1, 1, 1), len(chosen))
     origin = np.einsum("ij,ijk->ik", weights, corners[chosen])
-    hits = tree.intersect_ray(vertices, faces, origin, way)
-    seen = np.array(
-        [
-            all(hit[0] == face or hit[1] < 1e-7 for hit in seen)
-            for face, seen in zip(chosen.tolist(), hits, strict=True)
-        ],
-        bool,
-    )
+    seen = np.isinf(MeshTree(vertices, faces).first_hits(origin, way, chosen, least=1e-7))
     balance = np.bincount(patch[chosen], np.where(front, 1, -1) * seen, minlength=count)
     turn = (balance < 0)[patch]
     faces = faces.copy()
     faces[turn] = faces[turn][:, ::-1]
     return faces
-
-
-def _patches(faces):
-    count, patch = igl.extract_manifold_patches(faces)
-    return np.asarray(patch).reshape(-1), int(count)

@@ -198,11 +198,6 @@ def union(vertices, faces):
     from pandis.pipeline.mesh import cleanup
     from pandis.pipeline.mesh.topology import edges_of, rotate_to_smallest
 
-    def crossings(v, f):
-        """Combine two tests, because each misses some pairs of nearly flat faces."""
-        exact = cgal.remesh_self_intersections(v, f, detect_only=True)[2]
-        return np.concatenate([cleanup.crossing_faces(v, f), exact.reshape(-1, 2)])
-
     vertices, faces, birth = cgal.mesh_boolean(
         vertices, faces, np.empty((0, 3)), np.empty((0, 3), np.int64), "union"
     )
@@ -211,15 +206,17 @@ def union(vertices, faces):
     # sort the pieces of cut faces, because their order differs from run to run
     faces = rotate_to_smallest(faces)
     faces = faces[np.lexsort((*faces.T[::-1], birth))]
-    if not len(crossings(vertices, faces)):
+    flat = cleanup.altitudes(vertices[faces])[0] <= cleanup.FLAT
+    if not (flat.any() or len(cleanup.crossing_faces(vertices, faces))):
         return vertices, faces
-    # rounding to float64 made faces cross: weld close vertices, then perturb what still crosses
+    # rounding to float64 flattened faces or made them cross: weld close vertices, then perturb what
+    # still crosses
     diagonal = np.linalg.norm(np.ptp(vertices, axis=0))
     welded = cleanup.clean(vertices, faces, 1e-9 * diagonal)
     if len(welded[1]) and edges_of(welded[1]).balanced:
         vertices, faces = welded
-    vertices, faces = cleanup.loosen(vertices, faces, crossings)
-    if left := len(crossings(vertices, faces)):
+    vertices, faces = cleanup.loosen(vertices, faces)
+    if left := len(cleanup.crossing_faces(vertices, faces)):
         raise RuntimeError(f"{left} pairs of faces still cross after rounding")
     return vertices, faces
 

@@ -6,10 +6,9 @@ No function modifies its arguments.
 
 from functools import wraps
 
-import igl
 import numpy as np
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
+
+from pandis.engine.faces import connected
 
 #: Number of meshes whose connectivity is remembered: stages of a repair often ask for the same one.
 _REMEMBERED = 3
@@ -18,17 +17,17 @@ _MOST_FACES = 300_000
 
 
 def _remembered(function):
-    """Make a function of faces (F, 3) return its last results again for equal faces."""
+    """Make a function of faces or vertices (n, 3) return its last results again for equal ones."""
     results = []
 
     @wraps(function)
-    def remembering(faces):
+    def remembering(array):
         for known, result in tuple(results):
-            if known.dtype == faces.dtype and np.array_equal(known, faces):
+            if known.dtype == array.dtype and np.array_equal(known, array):
                 return result
-        result = function(faces)
-        if len(faces) <= _MOST_FACES:
-            results[:] = [(np.array(faces), result), *results[: _REMEMBERED - 1]]
+        result = function(array)
+        if len(array) <= _MOST_FACES:
+            results[:] = [(np.array(array), result), *results[: _REMEMBERED - 1]]
         return result
 
     return remembering
@@ -45,17 +44,23 @@ class EdgeTable:
         Vertex indices, the smaller first.
     edge_of : ndarray, shape (3 F,)
         Index of each half-edge's edge.
+    order : ndarray, shape (3 F,)
+        Half-edges sorted by edge, those of one edge in ascending order.
     uses, forward : ndarray, shape (E,)
         Number of faces at each edge, and how many of them traverse it from its smaller index.
     """
 
     def __init__(self, faces):
         self.directed = faces[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2)
-        low, high = self.directed.min(axis=1), self.directed.max(axis=1)
+        low, high = np.minimum(*self.directed.T), np.maximum(*self.directed.T)
         span = self._span = int(faces.max(initial=0)) + 1
-        self._key, self.edge_of, self.uses = np.unique(
-            low.astype(np.int64) * span + high, return_inverse=True, return_counts=True
-        )
+        key = low.astype(np.int64) * span + high
+        self.order = np.argsort(key, kind="stable")
+        key = key[self.order]
+        starts = np.flatnonzero(np.concatenate([key[:1] >= 0, key[1:] != key[:-1]]))
+        self._key, self.uses = key[starts], np.diff(starts, append=len(key))
+        self.edge_of = np.empty(len(key), np.int64)
+        self.edge_of[self.order] = np.repeat(np.arange(len(starts)), self.uses)
         self.edges = np.stack([self._key // span, self._key % span], axis=1)
         self.runs_forward = self.directed[:, 0] == low
         self.forward = np.bincount(self.edge_of[self.runs_forward], minlength=len(self._key))
@@ -101,8 +106,7 @@ class EdgeTable:
 
     def pairs(self):
         """Return the pairs (m, 2) of half-edges at edges with two faces."""
-        order = np.argsort(self.edge_of, kind="stable")
-        return order[self.uses[self.edge_of[order]] == 2].reshape(-1, 2)
+        return self.order[np.repeat(self.uses == 2, self.uses)].reshape(-1, 2)
 
     def holes(self, vertices):
         """Return the edge count and the length of each connected rim, longest first."""
@@ -127,50 +131,60 @@ def edges_of(faces):
     return EdgeTable(faces)
 
 
-def connected(pairs, count):
-    """Return a component label for each of ``count`` nodes joined by ``pairs`` (m, 2).
-
-    The label is the smallest index of the component.
-    """
-    label = np.arange(count)
-    while True:
-        before = label.copy()
-        low = np.minimum(label[pairs[:, 0]], label[pairs[:, 1]])
-        np.minimum.at(label, pairs[:, 0], low)
-        np.minimum.at(label, pairs[:, 1], low)
-        label = label[label]
-        if (label == before).all():
-            return label
-
-
 def one_sided(faces):
     """Return a mask (F,) of the faces of closed manifold pieces with only one side.
 
     Such a piece, for example a Klein bottle, cannot be oriented consistently and has no inside.
     """
+    edges, (front, back) = edges_of(faces), _sides(faces)
+    bad = np.unique(front[np.flatnonzero(edges.uses[edges.edge_of] != 2) // 3])
+    return (front == back) & ~np.isin(front, bad)
+
+
+def oriented(faces):
+    """Return faces (F, 3), turned so that neighbours agree with the first face of their patch.
+
+    A patch is connected by edges with two faces. Patches with only one side keep their faces.
+    """
+    front, back = _sides(faces)
+    faces, turn = faces.copy(), front > back
+    faces[turn] = faces[turn][:, ::-1]
+    return faces
+
+
+def _sides(faces):
+    """Return labels (F,) of the front and the back of each face, across edges with two faces.
+
+    Equal labels mean that a way along the surface leads from one to the other. The first face of
+    a patch has the least label in front.
+    """
     edges, count = edges_of(faces), len(faces)
-    half = np.argsort(edges.edge_of, kind="stable")
-    starts = np.concatenate([[0], np.cumsum(edges.uses)])[:-1]
-    pairs = np.flatnonzero(edges.uses == 2)
-    one, other = half[starts[pairs]], half[starts[pairs] + 1]
+    one, other = edges.pairs().T
     agree = edges.runs_forward[one] != edges.runs_forward[other]
     f, g = one // 3, other // 3
-    # the graph has a node for each side of a face, linked to the same side of each neighbour
     ways = [(f, np.where(agree, g, g + count)), (f + count, np.where(agree, g + count, g))]
     start, end = (np.concatenate(side) for side in zip(*ways, strict=True))
-    graph = coo_array((np.ones(len(start)), (start, end)), shape=(2 * count, 2 * count))
-    label = connected_components(graph, directed=False)[1]
-    turned = label[:count] == label[count:]
-    bad = np.unique(label[np.flatnonzero(edges.uses[edges.edge_of] != 2) // 3])
-    return turned & ~np.isin(label[:count], bad)
+    label = connected(np.stack([start, end], axis=1), 2 * count)
+    return label[:count], label[count:]
+
+
+def patches(faces):
+    """Return the patch of each face, joined by edges with two faces, and the number of patches."""
+    joined = connected(edges_of(faces).pairs() // 3, len(faces))
+    first, label = np.unique(joined, return_inverse=True)
+    return label, len(first)
 
 
 @_remembered
 def components(faces):
     """Return the edge-connected component of each face, and the number of components."""
-    count, label = igl.facet_components(np.ascontiguousarray(faces, np.int64))
+    edges = edges_of(faces)
+    edge, half = edges.edge_of[edges.order], edges.order
+    same = np.flatnonzero(edge[1:] == edge[:-1])
+    pairs = np.stack([half[same], half[same + 1]], axis=1) // 3
+    first, label = np.unique(connected(pairs, len(faces)), return_inverse=True)
     label.flags.writeable = False  # it is handed out again
-    return label, int(count)
+    return label, len(first)
 
 
 def face_keys(faces):
@@ -221,6 +235,7 @@ def nonmanifold_vertices(faces, edges):
     return vertex[count > 1]
 
 
+@_remembered
 def same_place(vertices):
     """For each vertex, return the index of the first vertex with the same coordinates."""
     place = vertices + 0.0  # -0.0 becomes 0.0
@@ -230,6 +245,7 @@ def same_place(vertices):
     starts[1:] = (place[1:] != place[:-1]).any(axis=1)
     first = np.empty(len(vertices), np.int64)
     first[order] = order[starts][np.cumsum(starts) - 1]
+    first.flags.writeable = False  # it is handed out again
     return first
 
 

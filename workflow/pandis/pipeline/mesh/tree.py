@@ -48,6 +48,11 @@ class MeshTree:
         way = labels.distance[:, None] * np.where(labels.distance[:, None], labels.normal, 0)
         return points - way / self.scale, labels.face
 
+    def first_hits(self, points, ways, skipped, *, least=0.0):
+        """Return the lengths (n,) of rays up to the first face: see `Bvh.first_hits`."""
+        points, least = self._to_unit(points), least * self.scale
+        return self._tree.first_hits(points, ways, skipped, least=least) / self.scale
+
     def windings(self, points):
         """Return the winding number (n,) at points (n, 3)."""
         points = self._to_unit(points)

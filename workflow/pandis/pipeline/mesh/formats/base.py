@@ -115,7 +115,7 @@ def triangles(vertices, polygons, where, *, first=0):
     Parameters
     ----------
     vertices : ndarray, shape (V, 3)
-    polygons : list of list of int
+    polygons : list of list of int, or ndarray, shape (F, 3)
     where : callable
         Takes a polygon's index; returns the polygon's place in the file, for messages.
     first : int
@@ -128,8 +128,11 @@ def triangles(vertices, polygons, where, *, first=0):
         Number of triangles of each polygon.
     """
     count = len(vertices)
-    sizes = np.fromiter(map(len, polygons), np.int64, len(polygons))
-    flat = np.fromiter(chain.from_iterable(polygons), np.int64, int(sizes.sum()))
+    if isinstance(polygons, np.ndarray):
+        sizes, flat = np.full(len(polygons), 3), polygons.reshape(-1)
+    else:
+        sizes = np.fromiter(map(len, polygons), np.int64, len(polygons))
+        flat = np.fromiter(chain.from_iterable(polygons), np.int64, int(sizes.sum()))
     bad = np.flatnonzero((flat < 0) | (flat >= count))
     if len(bad):
         polygon = int(np.searchsorted(np.cumsum(sizes), bad[0], side="right"))

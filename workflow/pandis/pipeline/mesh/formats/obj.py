@@ -1,6 +1,7 @@
 """Wavefront OBJ."""
 
 import re
+from itertools import chain
 
 import numpy as np
 
@@ -51,28 +52,25 @@ def read(path, folder=None):
     pandis.pipeline.mesh.formats.base.FormatError
     """
     del folder
-    rows, at, polygons, where, names, name = [], [], [], [], [], UNNAMED
+    rows, polygons, names, name = _Lines(), _Lines(), [], UNNAMED
     unknown = []
     for line, words, run in _statements(text_of(path.read_bytes(), "OBJ")):
         key = words[0] if words else None
         if run and run["vertices"]:
-            rows += _triples(run[0].replace("v", " ").split())
-            at += range(line, line + len(rows) - len(at))
+            rows.extend(_positions(run[0]), line)
         elif run:
-            corners = re.sub(r"/[0-9/]*|f", " ", run[0]).split()
-            polygons += _triples([int(corner) - 1 for corner in corners])
-            where += range(line, line + len(polygons) - len(where))
-            names += [name] * (len(polygons) - len(names))
+            corners = re.sub(r"/[0-9/]*|f", " ", run[0])
+            polygons.extend(np.fromstring(corners, np.int64, sep=" ").reshape(-1, 3) - 1, line)
+            names += [name] * (len(polygons.lines) - len(names))
         elif key == "v":
             if len(words) < 4:
                 raise FormatError(
                     f"line {line}: a vertex has only {len(words) - 1} numbers; {AGAIN}"
                 )
-            rows.append(words[1:4])
-            at.append(line)
+            rows.append(words[1:4], line)
         elif key in ("f", "fo"):
-            polygons.append([_index(word, line, len(rows)) for word in words[1:]])
-            where.append(line)
+            count = len(rows.lines)
+            polygons.append([_index(word, line, count) for word in words[1:]], line)
             names.append(name)
         elif key == "usemtl":
             name = " ".join(words[1:]) or UNNAMED
@@ -87,11 +85,15 @@ def read(path, folder=None):
             raise FormatError(f"line {line}: '{key}' is unknown and may be a vertex; {AGAIN}")
         elif key not in _SILENT:
             unknown.append((line, key))
-    vertices = numbers(rows, lambda i: f"line {at[i]}").reshape(-1, 3)
-    few = next((i for i, polygon in enumerate(polygons) if len(polygon) < 3), None)
-    if few is not None:
-        raise FormatError(f"line {where[few]}: a face has {len(polygons[few])} corners; {AGAIN}")
-    faces, counts = cut(vertices, polygons, lambda i: f"line {where[i]}", first=1)
+    vertices = rows.converted(numbers).reshape(-1, 3)
+    corners = polygons.merged()
+    few = (
+        [] if isinstance(corners, np.ndarray) else [i for i, p in enumerate(corners) if len(p) < 3]
+    )
+    if few:
+        count = len(corners[few[0]])
+        raise FormatError(f"{polygons.place(few[0])}: a face has {count} corners; {AGAIN}")
+    faces, counts = cut(vertices, corners, polygons.place, first=1)
     notes = []
     if unknown:
         line, key = unknown[0]
@@ -106,13 +108,58 @@ _SILENT = frozenset(
 )
 
 
+class _Lines:
+    """What lines define: arrays where runs of lines were read at once, else lists."""
+
+    def __init__(self):
+        self.chunks, self.lines = [], []
+
+    def append(self, item, line):
+        """Add the item of a line."""
+        if not self.chunks or isinstance(self.chunks[-1], np.ndarray):
+            self.chunks.append([])
+        self.chunks[-1].append(item)
+        self.lines.append(line)
+
+    def extend(self, items, line):
+        """Add the items of a run that begins at a line."""
+        self.chunks.append(items)
+        self.lines += range(line, line + len(items))
+
+    def place(self, index):
+        """Return the place of an item in the file, for messages."""
+        return f"line {self.lines[index]}"
+
+    def converted(self, convert):
+        """Return all items as one array, lists converted by a function such as `numbers`."""
+        parts, first = [np.empty((0, 3))], 0
+        for chunk in self.chunks:
+            if isinstance(chunk, list):
+                chunk = convert(chunk, lambda i, first=first: self.place(first + i))  # noqa: PLW2901
+            parts.append(chunk)
+            first += len(chunk)
+        return np.concatenate(parts)
+
+    def merged(self):
+        """Return all items as one array if all are of runs, else as one list."""
+        if any(isinstance(chunk, list) for chunk in self.chunks):
+            return list(chain.from_iterable(map(list, self.chunks)))
+        return np.concatenate([np.empty((0, 3), np.int64), *self.chunks])
+
+
+def _positions(text):
+    """Return the coordinates (n, 3) of a run of vertices; its words if any is too large."""
+    coordinates = text.replace("v", " ")
+    values = np.fromstring(coordinates, sep=" ").reshape(-1, 3)
+    if np.isfinite(values).all():
+        return values
+    words = iter(coordinates.split())
+    return list(zip(words, words, words, strict=True))
+
+
 def _is_place(words):
     """Return whether there are at least three words, all of them numbers."""
     return len(words) > 2 and all(NUMBER.fullmatch(word) for word in words)
-
-
-def _triples(items):
-    return zip(items[::3], items[1::3], items[2::3], strict=True)
 
 
 def _statements(text):

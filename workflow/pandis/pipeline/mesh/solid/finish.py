@@ -3,8 +3,8 @@
 from typing import NamedTuple
 
 import numpy as np
-from scipy.sparse import coo_array
 
+from pandis.engine.faces import crossings
 from pandis.engine.solid import (
     AT_CORNER,
     FINENESS,
@@ -12,7 +12,6 @@ from pandis.engine.solid import (
     ON_CAP,
     ON_DOOR,
     ON_SHEET,
-    meetings,
     simplified,
 )
 from pandis.pipeline.mesh.diagnosis import FLAT, altitudes, crossing_faces
@@ -35,6 +34,10 @@ _OFF = 0.05
 _MEAN = 0.5
 #: Attempts at a surface without crossing faces, and the width of the surroundings that are locked.
 _ATTEMPTS, _NEAR = 12, 2.0
+#: Twice the area from which a face's vertices stay at their targets, square cells.
+_LEAST_AREA = 1e-6
+#: Volume of the smallest component, cubic cells: rounding could turn a flatter one inside out.
+_LEAST_VOLUME = 1e-6
 #: Rounds in which vertices of crossing faces go back.
 _ROUNDS = 12
 #: What is left of their way after the first time: the two sides of a thin part end at its rim, and
@@ -166,6 +169,8 @@ def _placed(boundary, source, thickness):
 
 def _smoothed(places, faces, chosen):
     """Move chosen vertices halfway to the mean of their neighbours, several times."""
+    from scipy.sparse import coo_array  # slow to import, and few solids have doors
+
     edges = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])
     row = np.full(len(places), -1)
     row[chosen] = np.arange(len(chosen))
@@ -180,7 +185,7 @@ def _smoothed(places, faces, chosen):
 
 
 def _sound(boundary, target):
-    """Return places (V, 3) near the targets, where no faces cross in floating point.
+    """Return places (V, 3) near the targets, where no faces cross.
 
     Vertices of crossing faces go back towards the lattice, where no faces cross: a small part of
     the way, then by halves; with their neighbours after some rounds.
@@ -194,9 +199,10 @@ def _sound(boundary, target):
         places = boundary.places + share[:, None] * (target - boundary.places)
         places = np.round(places * FINENESS) / FINENESS
         around = _near(places, faces[question].reshape(-1))[faces].any(axis=1)
-        bad = meetings(places, faces[around], question[around])
         back = np.zeros(len(places), bool)
-        back[faces[around][bad]] = True
+        pairs = crossings(places, faces[around], question[around])
+        back[faces[around][pairs.reshape(-1)]] = True
+        back[faces[question][_without_area(places[faces[question]])]] = True
         if turn > _ROUNDS // 3:
             back[faces[back[faces].any(axis=1)]] = True
         back &= share > 0
@@ -206,6 +212,11 @@ def _sound(boundary, target):
         share[back] = np.where((share[back] > 0.2) & (turn < _ROUNDS // 2), slower, 0.0)
         question = back[faces].any(axis=1)
     return places
+
+
+def _without_area(corners):
+    normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    return np.einsum("ij,ij->i", normal, normal) < _LEAST_AREA**2
 
 
 def _without_crossings(boundary, places, frame, *, tolerance, volume):
@@ -239,10 +250,10 @@ def _without_crossings(boundary, places, frame, *, tolerance, volume):
 
 
 def _turned(part, places, faces, *, volume):
-    """Return a mask of the faces of components that simplification has turned inside out."""
+    """Return a mask of the faces of components that are flat or inside out, and were not before."""
     label = part[faces[:, 0]]
     now = signed_volumes(places, faces, label, count=len(volume))
-    return (now * volume < 0)[label]
+    return (now * np.sign(volume) < _LEAST_VOLUME)[label]
 
 
 def _near(places, chosen):

@@ -1,0 +1,65 @@
+/* Which faces of a mesh cross or touch, and which nodes of a graph are connected.
+ *
+ * Compile without reassociation (-ffp-contract=off, no -ffast-math): the predicates need rounding
+ * as IEEE 754 has it. */
+
+#include <math.h>
+#include <stddef.h>
+#include <stdint.h>
+#include <stdlib.h>
+
+#include "predicates.h"
+#include "meetings.h"
+#include "boxes.h"
+
+/* Search among `count` faces or points. Returns the number of pairs, or -1 if memory is short. */
+static int64_t search(Search *s, int32_t count) {
+    s->boxes = malloc((size_t)count * sizeof *s->boxes);
+    s->order = malloc((size_t)count * sizeof *s->order);
+    s->nodes = malloc((size_t)count * sizeof *s->nodes);
+    s->short_of_memory = !s->boxes || !s->order || !s->nodes;
+    if (!s->short_of_memory) {
+        for (int32_t i = 0; i < count; i++) s->boxes[i] = box_of(s, i), s->order[i] = i;
+        build(s, 0, count);
+        try_within(s, s->nodes);
+    }
+    free(s->boxes), free(s->order), free(s->nodes);
+    return s->short_of_memory ? -1 : s->pair_count;
+}
+
+/* Find the pairs of faces that meet outside of their common corners and edges, of which at least
+ * one is in question (all if NULL). Sets `pairs`, to be freed by faces_free, and returns their
+ * number, or -1 if memory is short. `count` is at least 1. */
+int64_t faces_crossings(const double *places, const int32_t *faces, int32_t count,
+    const uint8_t *question, int32_t **pairs) {
+    Search s = {.places = places, .faces = faces, .question = question};
+    int64_t pair_count = search(&s, count);
+    *pairs = s.pairs;
+    return pair_count;
+}
+
+/* Find the pairs of points that are at most `reach` apart: otherwise as faces_crossings. */
+int64_t faces_close(const double *points, int32_t count, double reach, int32_t **pairs) {
+    Search s = {.places = points, .reach = reach};
+    int64_t pair_count = search(&s, count);
+    *pairs = s.pairs;
+    return pair_count;
+}
+
+void faces_free(int32_t *pairs) { free(pairs); }
+
+static int64_t root_of(int64_t *label, int64_t node) {
+    while (label[node] != node) node = label[node] = label[label[node]];
+    return node;
+}
+
+/* Label each node of a graph with the least node that is connected with it. */
+void faces_connect(const int64_t *pairs, int64_t pair_count, int64_t *label, int64_t count) {
+    for (int64_t i = 0; i < count; i++) label[i] = i;
+    for (int64_t i = 0; i < pair_count; i++) {
+        int64_t a = root_of(label, pairs[2 * i]), b = root_of(label, pairs[2 * i + 1]);
+        if (a < b) label[b] = a;
+        else label[a] = b;
+    }
+    for (int64_t i = 0; i < count; i++) label[i] = label[label[i]]; /* labels are less than nodes */
+}
