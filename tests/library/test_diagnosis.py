@@ -5,7 +5,8 @@ import numpy as np
 import pytest
 
 from pandis.pipeline.geometry.shapes import SHAPES
-from pandis.pipeline.mesh.diagnosis import FAULTS, crossing_faces, diagnose
+from pandis.pipeline.mesh.diagnosis import FAULTS, diagnose
+from pandis.pipeline.mesh.topology import crossing_faces
 from pandis.pipeline.mesh.tree import MeshTree
 from support import box_mesh, octahedron
 

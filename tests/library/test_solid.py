@@ -16,9 +16,11 @@ from pandis.pipeline.mesh import tools
 from pandis.pipeline.mesh.diagnosis import diagnose
 from pandis.pipeline.mesh.processes import CpuTime, CpuTimeError
 from pandis.pipeline.mesh.solid import SolidRules, make_solid, rules_of
+from pandis.pipeline.mesh.solid.finish import _turned
 from pandis.pipeline.mesh.solid.source import source_of
 from pandis.pipeline.mesh.tree import MeshTree
 from pandis.pipeline.run.ask.options import MeshOptions
+from support import octahedron
 
 CELLS = 64
 EDGES = [(low, axis) for axis in range(3) for low in range(8) if not low >> axis & 1]
@@ -520,3 +522,13 @@ def test_the_fineness_follows_the_error_that_is_asked_for():
     for error, why in faults.items():
         with pytest.raises(pandis.PandisError, match=why):
             cells(error)
+
+
+@pytest.mark.parametrize(("height", "flat"), [(1.0, False), (1e-3, False), (1e-9, True)])
+def test_a_component_so_flat_that_rounding_could_turn_it_goes_back(height, flat):
+    vertices, faces = octahedron()
+    for turned in (faces, faces[:, ::-1]):  # a solid and a cavity
+        volume = trimesh.Trimesh(vertices, turned, process=False).volume
+        part, places = np.zeros(len(vertices), int), vertices * [1, 1, height]
+        turns = _turned(part, places, turned, volume=np.array([volume]))
+        assert (turns == flat).all()

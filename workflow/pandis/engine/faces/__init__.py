@@ -40,8 +40,10 @@ def crossings(vertices, faces, question=None):
     faces = np.ascontiguousarray(faces, np.int32)
     if not len(faces):
         return np.empty((0, 2), np.int64)
+    used = np.zeros(len(vertices), bool)
+    used[faces.reshape(-1)] = True
     # a power of two rounds nothing; at this size, products neither overflow nor underflow
-    size = np.ptp(vertices[faces.reshape(-1)], axis=0).max()
+    size = np.ptp(vertices[used], axis=0).max()
     with np.errstate(over="ignore"):  # of vertices that no face uses
         places = np.ascontiguousarray(np.ldexp(vertices, 200 - int(np.frexp(size)[1])))
     mask = None if question is None else np.ascontiguousarray(question, np.uint8)

@@ -10,7 +10,7 @@ from pandis.base.errors import PandisError
 from pandis.pipeline.api.options import sections
 from pandis.pipeline.api.sources import source_of
 from pandis.pipeline.geometry.shapes import find_shape
-from pandis.pipeline.mesh.diagnosis import FAULTS, crossing_faces, diagnose
+from pandis.pipeline.mesh.diagnosis import FAULTS, diagnose
 from pandis.pipeline.mesh.forecast import forecast
 from pandis.pipeline.mesh.formats import FormatError, Reading
 from pandis.pipeline.mesh.intake import check_arrays, find_file, read_mesh
@@ -169,10 +169,8 @@ def check(mesh: object, /, **options: object) -> Report:
     vertices, faces, notes = reading.vertices, reading.faces, list(reading.notes)
     if format_of(source.text) == "stl":  # it has no other way to share a vertex
         vertices, faces = compact(vertices, same_place(vertices)[faces])
-    crossings = crossing_faces(vertices, same_place(vertices)[faces])
-    diagnosis = diagnose(vertices, faces, crossings=crossings)
-    ahead = forecast(vertices, faces, wishes, diagnosis=diagnosis, crossings=crossings,
-                     seed=config.get("seed", 0))  # fmt: skip
+    diagnosis = diagnose(vertices, faces)
+    ahead = forecast(vertices, faces, wishes, diagnosis=diagnosis, seed=config.get("seed", 0))
     millions = len(faces) / 1e6
     missing = [name for name in ("pymeshlab", "pymeshfix") if find_spec(name) is None]
     if missing and ahead.outcome in ("repair", "refusal"):
@@ -184,7 +182,7 @@ def check(mesh: object, /, **options: object) -> Report:
     seconds = _START + (_READ + repair[ahead.outcome]) * millions
     if ahead.outcome == "repair":
         seconds += _FAR if ahead.begins_with == "clean" else _RUNGS
-    places = fault_places(vertices, faces, diagnosis, crossings=crossings)
+    places = fault_places(vertices, faces, diagnosis)
     return Report(
         source=source.text,
         vertices=len(vertices),

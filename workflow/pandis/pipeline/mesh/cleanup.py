@@ -7,12 +7,13 @@ split vertex moves by `PARTING` times the diagonal, so that surfaces no longer t
 import numpy as np
 
 from pandis.engine.faces import close, connected
-from pandis.pipeline.mesh.diagnosis import FLAT, altitudes, crossing_faces
+from pandis.pipeline.mesh.diagnosis import FLAT, altitudes
 from pandis.pipeline.mesh.nesting import must_turn, nesting_depth, signed_volumes
 from pandis.pipeline.mesh.topology import (
     compact,
     components,
     count_distinct,
+    crossing_faces,
     edges_of,
     face_keys,
     fans,
@@ -160,8 +161,7 @@ def orient(vertices, faces, nested="cavity"):
     volumes = signed_volumes(vertices, faces, component, count=count)
     depth = np.zeros(count, np.int64)
     if nested == "cavity":
-        crossings = crossing_faces(vertices, faces) if count > 1 else np.empty((0, 2), np.int64)
-        depth = nesting_depth(vertices, faces, component, count=count, crossings=crossings)
+        depth = nesting_depth(vertices, faces, component, count=count)
     turn = must_turn(volumes, depth)[component]
     faces = faces.copy()
     faces[turn] = faces[turn][:, ::-1]

@@ -5,14 +5,13 @@ from dataclasses import asdict, dataclass, field
 import numpy as np
 
 from pandis.base.arrays import Faces, Vertices
-from pandis.engine.faces import crossings as find_crossings
 from pandis.pipeline.mesh.nesting import must_turn, nesting_depth, signed_volumes
 from pandis.pipeline.mesh.topology import (
     components,
     count_distinct,
+    crossing_faces,
     edges_of,
     nonmanifold_vertices,
-    repeats_a_vertex,
     same_place,
     used_vertices,
 )
@@ -110,7 +109,7 @@ class Diagnosis:
         return ", ".join(faults) or "none"
 
 
-def diagnose(vertices: Vertices, faces: Faces, *, crossings=None):
+def diagnose(vertices: Vertices, faces: Faces):
     """Examine a mesh.
 
     Coincident vertices are counted, then merged. The other counts therefore describe the
@@ -120,8 +119,6 @@ def diagnose(vertices: Vertices, faces: Faces, *, crossings=None):
     ----------
     vertices : ndarray, shape (V, 3), float64
     faces : ndarray, shape (F, 3), int64
-    crossings : ndarray, shape (m, 2), optional
-        Result of `crossing_faces`, coincident vertices merged, if the caller has it.
 
     Returns
     -------
@@ -135,15 +132,9 @@ def diagnose(vertices: Vertices, faces: Faces, *, crossings=None):
     used = used_vertices(faces)
     altitude, area = altitudes(vertices[faces])
     unit = _unit_box(vertices, used)
-    if crossings is None:
-        crossings = crossing_faces(vertices, faces)
     volumes = signed_volumes(vertices, faces, component, count=count)
     solid = edges.closed and not edges.conflicts.any()
-    depth = (
-        nesting_depth(unit, faces, component, count=count, crossings=crossings)
-        if edges.closed
-        else None
-    )
+    depth = nesting_depth(vertices, faces, component, count=count) if edges.closed else None
     tree = MeshTree(unit, faces) if solid else None
     euler = len(used) - edges.count + len(faces)
     torn = len(nonmanifold_vertices(faces, edges))
@@ -164,7 +155,7 @@ def diagnose(vertices: Vertices, faces: Faces, *, crossings=None):
         "unreferenced_vertices": len(vertices) - len(separate),
         "split_vertices": len(separate) - len(used),
         "inverted_components": int(must_turn(volumes, depth).sum()) if solid else 0,
-        "self_intersections": len(crossings),
+        "self_intersections": len(crossing_faces(vertices, faces)),
         "odd_windings": _odd_windings(tree, unit[used]) if solid else 0,
         "volume": float(volumes.sum()),
         "area": float(area.sum()),
@@ -178,24 +169,6 @@ def diagnose(vertices: Vertices, faces: Faces, *, crossings=None):
         return diagnosis
     scale = np.ptp(vertices[used], axis=0).max()
     return Diagnosis(**figures, wall=_wall_thickness(tree, unit[faces], area, scale=scale))
-
-
-def crossing_faces(vertices: Vertices, faces: Faces, question=None):
-    """Return the pairs (m, 2) of faces that meet outside their shared vertices and edges, sorted.
-
-    The test is exact. Faces that merely touch are included, because the closest surface is
-    ambiguous where two surfaces touch. Faces that use a vertex twice are left out.
-
-    Parameters
-    ----------
-    vertices : ndarray, shape (V, 3), float64
-    faces : ndarray, shape (F, 3), int64
-    question : ndarray, shape (F,), bool, optional
-        Only pairs with at least one of these faces are returned.
-    """
-    sound = np.flatnonzero(~repeats_a_vertex(faces))
-    chosen = None if question is None else question[sound]
-    return sound[find_crossings(vertices, faces[sound], chosen)]
 
 
 def _unit_box(vertices, used):

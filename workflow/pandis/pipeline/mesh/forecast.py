@@ -6,11 +6,11 @@ import numpy as np
 
 from pandis.base.errors import PandisError, RepairError
 from pandis.pipeline.mesh import tools
-from pandis.pipeline.mesh.diagnosis import crossing_faces, diagnose
+from pandis.pipeline.mesh.diagnosis import diagnose
 from pandis.pipeline.mesh.ladder import Ladder
 from pandis.pipeline.mesh.repair import climb
 from pandis.pipeline.mesh.solidify import with_solid
-from pandis.pipeline.mesh.topology import compact, same_place
+from pandis.pipeline.mesh.topology import compact
 
 #: Operations that change no surface and take seconds at most; a forecast runs them.
 _LOSSLESS = ("clean", "orient")
@@ -43,12 +43,7 @@ class _SlowRungError(Exception):
 
 
 class _Forecasting(Ladder):
-    """A ladder that runs only lossless operations, in this process.
-
-    Turning faces changes no crossing, so crossings are searched for only when faces change.
-    """
-
-    crossings = None
+    """A ladder that runs only lossless operations, in this process."""
 
     def attempt(self, rung, operation, accept, **parameters):
         if operation not in _LOSSLESS:
@@ -57,30 +52,19 @@ class _Forecasting(Ladder):
         vertices, faces = tools.OPERATIONS[operation](self.vertices, self.faces, **parameters)
         if np.array_equal(vertices, self.vertices) and np.array_equal(faces, self.faces):
             return False
-        crossings = self.crossings
-        if not self._turns_only(vertices, faces):
-            crossings = crossing_faces(vertices, same_place(vertices)[faces])
-        diagnosis = diagnose(vertices, faces, crossings=crossings)
+        diagnosis = diagnose(vertices, faces)
         reason = accept(vertices, faces, diagnosis)
         if reason is None:
             self.vertices, self.faces, self.now = vertices, faces, diagnosis
-            self.crossings = crossings
         self.note(entry, reason, diagnosis)
         return reason is None
-
-    def _turns_only(self, vertices, faces):
-        return (
-            np.array_equal(vertices, self.vertices)
-            and faces.shape == self.faces.shape
-            and np.array_equal(np.sort(faces, axis=1), np.sort(self.faces, axis=1))
-        )
 
     def within_budget(self, vertices, faces, diagnosis, *, allowance=0.0):
         """Accept: lossless operations move nothing."""
         del vertices, faces, diagnosis, allowance
 
 
-def forecast(vertices, faces, options, *, diagnosis, crossings, seed=0):
+def forecast(vertices, faces, options, *, diagnosis, seed=0):
     """Return the `Forecast` of a mesh.
 
     Parameters
@@ -90,8 +74,6 @@ def forecast(vertices, faces, options, *, diagnosis, crossings, seed=0):
     options : pandis.pipeline.run.ask.options.MeshOptions
     diagnosis : pandis.pipeline.mesh.diagnosis.Diagnosis
         Diagnosis of this mesh.
-    crossings : ndarray, shape (m, 2)
-        Its pairs of crossing faces.
     seed : int
     """
     if diagnosis.valid:
@@ -99,7 +81,6 @@ def forecast(vertices, faces, options, *, diagnosis, crossings, seed=0):
     # otherwise cleaning would drop unreferenced vertices and need another diagnosis
     vertices, faces = compact(vertices, faces)
     ladder = _Forecasting(vertices, faces, options, seed, lambda text: None, now=diagnosis)
-    ladder.crossings = crossings
     try:
         climb(ladder)
     except _SlowRungError as rung:

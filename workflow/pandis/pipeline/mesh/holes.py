@@ -9,8 +9,7 @@ Bunny open, or its triangles cross the mesh there.
 
 import numpy as np
 
-from pandis.pipeline.mesh.diagnosis import crossing_faces
-from pandis.pipeline.mesh.topology import edges_of
+from pandis.pipeline.mesh.topology import crossing_faces, edges_of
 
 _WEIGHTS = ("fold", "area")
 #: Area charged for a triangle of zero area, in a polygon scaled to size 1.

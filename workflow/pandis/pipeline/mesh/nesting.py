@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from pandis.pipeline.mesh.topology import crossing_faces
 from pandis.pipeline.mesh.tree import MeshTree
 
 
@@ -12,8 +13,10 @@ def signed_volumes(vertices, faces, component, *, count):
     return np.bincount(component, volume, count)
 
 
-def nesting_depth(vertices, faces, component, *, count, crossings):
+def nesting_depth(vertices, faces, component, *, count):
     """Return, for each component, the number of other components that wholly enclose it.
+
+    Components whose faces cross or touch overlap, so neither encloses the other.
 
     Parameters
     ----------
@@ -21,9 +24,6 @@ def nesting_depth(vertices, faces, component, *, count, crossings):
         All components must be closed.
     component : ndarray, shape (F,)
     count : int
-    crossings : ndarray, shape (m, 2)
-        Pairs of faces that cross or touch. Components of such faces overlap, so
-        neither encloses the other.
 
     Returns
     -------
@@ -37,7 +37,8 @@ def nesting_depth(vertices, faces, component, *, count, crossings):
     corners = vertices[faces[order]]
     low = np.minimum.reduceat(corners.min(axis=1), starts[:-1])
     high = np.maximum.reduceat(corners.max(axis=1), starts[:-1])
-    overlapping = {tuple(sorted(pair)) for pair in component[crossings].tolist()}
+    crossing = component[crossing_faces(vertices, faces)]
+    overlapping = {tuple(sorted(pair)) for pair in crossing.tolist()}
     some_vertex = vertices[faces[order[starts[:-1]], 0]]
     for outer in range(count):
         enclosed = np.flatnonzero((low > low[outer]).all(axis=1) & (high < high[outer]).all(axis=1))

@@ -3,13 +3,19 @@
 import numpy as np
 
 from pandis.pipeline.mesh.diagnosis import FLAT, altitudes
-from pandis.pipeline.mesh.topology import edges_of, nonmanifold_vertices, same_place, used_vertices
+from pandis.pipeline.mesh.topology import (
+    crossing_faces,
+    edges_of,
+    nonmanifold_vertices,
+    same_place,
+    used_vertices,
+)
 
 #: Number of places that are listed for each kind of fault.
 LISTED = 5
 
 
-def fault_places(vertices, faces, diagnosis, *, crossings, listed=LISTED):
+def fault_places(vertices, faces, diagnosis, *, listed=LISTED):
     """Return places (n, 3) of the faults of a mesh, by kind: at most ``listed`` of each.
 
     Inside-out components and odd winding numbers have no place of their own, and are left out.
@@ -20,8 +26,6 @@ def fault_places(vertices, faces, diagnosis, *, crossings, listed=LISTED):
     faces : ndarray, shape (F, 3), int64
     diagnosis : pandis.pipeline.mesh.diagnosis.Diagnosis
         Diagnosis of this mesh.
-    crossings : ndarray, shape (m, 2)
-        Its pairs of crossing faces.
     """
     first = same_place(vertices)
     welded = np.ascontiguousarray(first[faces])
@@ -49,7 +53,7 @@ def fault_places(vertices, faces, diagnosis, *, crossings, listed=LISTED):
         "orientation_conflicts": lambda: along(edges.conflicts),
         "duplicate_faces": repeated,
         "degenerate_faces": lambda: middles[altitudes(vertices[welded])[0] <= FLAT],
-        "self_intersections": lambda: middles[crossings[:, 0]],
+        "self_intersections": lambda: middles[crossing_faces(vertices, welded)[:, 0]],
     }
     present = {name: way() for name, way in ways.items() if getattr(diagnosis, name)}
     return {name: _distinct(where)[:listed] for name, where in present.items()}

@@ -37,7 +37,7 @@ def solidify(ladder, vertices, faces, *, why):
     rules = rules_of(ladder.options, vertices)
     ladder.log(f"solid, because {why}")
     solid = make_solid(vertices, faces, rules, log=ladder.log)
-    now = diagnose(solid.vertices, solid.faces, crossings=solid.crossings)
+    now = diagnose(solid.vertices, solid.faces)
     entry = {"rung": "solid", "operation": "solid", "parameters": rules._asdict()}
     ladder.note(entry, None if now.valid else "not valid", now)
     if not now.valid:
@@ -85,7 +85,7 @@ def with_solid(error, vertices, faces, *, options):
         vertices, faces = compact(vertices, faces)
         rules = rules_of(options, vertices)._replace(cells=_TRIAL)
         solid = make_solid(vertices, faces, rules, log=lambda text: None)
-        valid = diagnose(solid.vertices, solid.faces, crossings=solid.crossings).valid
+        valid = diagnose(solid.vertices, solid.faces).valid
     except (PandisError, ArithmeticError, MemoryError):
         valid = False
     if not valid:

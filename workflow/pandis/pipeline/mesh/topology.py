@@ -1,33 +1,37 @@
-"""Connectivity of a triangle mesh: edges, rims, fans around a vertex, components.
+"""Connectivity of a triangle mesh: edges, rims, fans around a vertex, components, crossings.
 
-Most functions use only indices; positions are needed for lengths and for coincident vertices.
-No function modifies its arguments.
+Most functions use only indices; positions are needed for lengths, for coincident vertices and for
+faces that cross. No function modifies its arguments.
 """
 
 from functools import wraps
 
 import numpy as np
 
-from pandis.engine.faces import connected
+from pandis.engine.faces import connected, crossings
 
-#: Number of meshes whose connectivity is remembered: stages of a repair often ask for the same one.
+#: Number of results that are remembered: stages of a repair often ask for the same one.
 _REMEMBERED = 3
-#: Larger meshes are not remembered. At this size, three take about 170 MB.
+#: Larger meshes are not remembered. At this size, their edges and the rest take about 250 MB.
 _MOST_FACES = 300_000
 
 
 def _remembered(function):
-    """Make a function of faces or vertices (n, 3) return its last results again for equal ones."""
+    """Make a function of arrays return its last results again for equal arrays.
+
+    Results are handed out again, so nobody may modify them.
+    """
     results = []
 
     @wraps(function)
-    def remembering(array):
+    def remembering(*arrays):
         for known, result in tuple(results):
-            if known.dtype == array.dtype and np.array_equal(known, array):
+            pairs = zip(known, arrays, strict=True)
+            if all(a.dtype == b.dtype and np.array_equal(a, b) for a, b in pairs):
                 return result
-        result = function(array)
-        if len(array) <= _MOST_FACES:
-            results[:] = [(np.array(array), result), *results[: _REMEMBERED - 1]]
+        result = function(*arrays)
+        if len(arrays[-1]) <= _MOST_FACES:
+            results[:] = [([np.array(a) for a in arrays], result), *results[: _REMEMBERED - 1]]
         return result
 
     return remembering
@@ -66,7 +70,7 @@ class EdgeTable:
         self.forward = np.bincount(self.edge_of[self.runs_forward], minlength=len(self._key))
         for array in vars(self).values():
             if isinstance(array, np.ndarray):
-                array.flags.writeable = False  # they are handed out again
+                array.flags.writeable = False
 
     @property
     def count(self):
@@ -183,7 +187,7 @@ def components(faces):
     same = np.flatnonzero(edge[1:] == edge[:-1])
     pairs = np.stack([half[same], half[same + 1]], axis=1) // 3
     first, label = np.unique(connected(pairs, len(faces)), return_inverse=True)
-    label.flags.writeable = False  # it is handed out again
+    label.flags.writeable = False
     return label, len(first)
 
 
@@ -245,7 +249,7 @@ def same_place(vertices):
     starts[1:] = (place[1:] != place[:-1]).any(axis=1)
     first = np.empty(len(vertices), np.int64)
     first[order] = order[starts][np.cumsum(starts) - 1]
-    first.flags.writeable = False  # it is handed out again
+    first.flags.writeable = False
     return first
 
 
@@ -253,6 +257,33 @@ def repeats_a_vertex(faces):
     """Return a mask (F,) of the faces that use a vertex more than once."""
     a, b, c = faces.T
     return (a == b) | (b == c) | (c == a)
+
+
+def crossing_faces(vertices, faces, question=None):
+    """Return the pairs (m, 2) of faces that meet outside their shared vertices and edges, sorted.
+
+    The test is exact. Faces that merely touch are included, because the closest surface is
+    ambiguous where two surfaces touch. Faces that use a vertex twice are left out.
+
+    Parameters
+    ----------
+    vertices : ndarray, shape (V, 3), float64
+    faces : ndarray, shape (F, 3), int64
+    question : ndarray, shape (F,), bool, optional
+        Only pairs with at least one of these faces are returned.
+    """
+    if question is None:
+        return _crossing_faces(vertices, np.sort(faces, axis=1))  # turning a face changes nothing
+    sound = np.flatnonzero(~repeats_a_vertex(faces))
+    return sound[crossings(vertices, faces[sound], question[sound])]
+
+
+@_remembered
+def _crossing_faces(vertices, faces):
+    sound = np.flatnonzero(~repeats_a_vertex(faces))
+    pairs = sound[crossings(vertices, faces[sound])]
+    pairs.flags.writeable = False
+    return pairs
 
 
 def rotate_to_smallest(faces):

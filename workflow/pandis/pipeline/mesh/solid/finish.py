@@ -14,9 +14,9 @@ from pandis.engine.solid import (
     ON_SHEET,
     simplified,
 )
-from pandis.pipeline.mesh.diagnosis import FLAT, altitudes, crossing_faces
+from pandis.pipeline.mesh.diagnosis import FLAT, altitudes
 from pandis.pipeline.mesh.nesting import signed_volumes
-from pandis.pipeline.mesh.topology import compact
+from pandis.pipeline.mesh.topology import compact, crossing_faces
 from pandis.pipeline.mesh.tree import MeshTree
 from pandis.pipeline.run.records.mesh import SolidFacts
 
@@ -58,14 +58,11 @@ class Solid(NamedTuple):
     ----------
     vertices : ndarray, shape (V, 3), float64, mesh units
     faces : ndarray, shape (F, 3), int64
-    crossings : ndarray, shape (m, 2)
-        Pairs of faces that cross: none, unless all attempts to avoid them have failed.
     facts : pandis.pipeline.run.records.mesh.SolidFacts
     """
 
     vertices: np.ndarray
     faces: np.ndarray
-    crossings: np.ndarray
     facts: SolidFacts
 
 
@@ -220,7 +217,7 @@ def _without_area(corners):
 
 
 def _without_crossings(boundary, places, frame, *, tolerance, volume):
-    """Return vertices (mesh units) and faces without self-intersections, simplified; and crossings.
+    """Return vertices (mesh units) and faces without self-intersections, simplified.
 
     Where simplified faces cross, the vertices around them are locked, and it starts again. What
     still crosses in exact arithmetic goes back to the lattice.
@@ -231,13 +228,14 @@ def _without_crossings(boundary, places, frame, *, tolerance, volume):
         if tolerance:
             faces = simplified(places, faces, locked=locked, tolerance=tolerance * _MEAN)
         faces = faces.astype(np.int64)
-        pairs = crossing_faces(vertices, faces)
+        mesh = compact(vertices, faces)
+        pairs = crossing_faces(*mesh)
         flat = altitudes(places[faces])[0] <= FLAT  # in cells, where nothing underflows
         turned = _turned(boundary.part, places, faces, volume=volume)
         bad = np.concatenate([pairs.reshape(-1), np.flatnonzero(flat), np.flatnonzero(turned)])
         bad = faces[bad].reshape(-1)
         if not len(bad):
-            return *compact(vertices, faces), pairs
+            return mesh
         near = _near(places, bad)
         if attempt >= _ATTEMPTS // 3:
             near = _near(places, near)
@@ -245,8 +243,7 @@ def _without_crossings(boundary, places, frame, *, tolerance, volume):
         places[back] = boundary.places[back]
         vertices[back] = frame.to_mesh(places[back])
         locked |= near
-    mesh = compact(frame.to_mesh(boundary.places), boundary.faces.astype(np.int64))
-    return *mesh, crossing_faces(*mesh)
+    return compact(frame.to_mesh(boundary.places), boundary.faces.astype(np.int64))
 
 
 def _turned(part, places, faces, *, volume):
