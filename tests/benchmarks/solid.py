@@ -48,8 +48,7 @@ def directions(count):
 
 def visible(vertices, faces, points, normals):
     """Return a mask (n,) of the points (n, 3) on the surface that are seen from far away."""
-    tree = igl.AABB()
-    tree.init(vertices, faces)
+    tree, none = MeshTree(vertices, faces), np.full(len(points), -1)
     size = np.linalg.norm(np.ptp(vertices[np.unique(faces)], axis=0))
     seen = np.zeros(len(points), bool)
     for way in directions(DIRECTIONS):
@@ -58,10 +57,8 @@ def visible(vertices, faces, points, normals):
         if not len(ask):
             continue
         start = points[ask] + 1e-6 * size * np.sign(slant[ask])[:, None] * normals[ask]
-        hit, _, _ = tree.intersect_ray_first(
-            vertices, faces, np.ascontiguousarray(start), np.tile(way, (len(ask), 1))
-        )
-        seen[ask[np.asarray(hit) < 0]] = True
+        ways = np.tile(way, (len(ask), 1))
+        seen[ask[np.isinf(tree.first_hits(start, ways, none[: len(ask)]))]] = True
     return seen
 
 

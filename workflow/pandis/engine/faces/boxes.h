@@ -11,7 +11,12 @@ typedef struct {
 
 typedef struct {
     Box box;
-    int32_t first, count; /* of a leaf's faces in `order`; count is 0 otherwise */
+    int32_t face;
+} Item;
+
+typedef struct {
+    Box box;
+    int32_t first, count; /* of a leaf's items; count is 0 otherwise */
     int32_t right;        /* the left child comes next */
     int32_t question;     /* whether any face is in question */
 } Node;
@@ -21,8 +26,7 @@ typedef struct {
     const int32_t *faces;    /* NULL: points that are at most `reach` apart are searched for */
     const uint8_t *question; /* per face; NULL: all are */
     double reach;
-    Box *boxes;
-    int32_t *order;
+    Item *items; /* sorted by the tree, so that neighbours are near in memory */
     Node *nodes;
     int32_t node_count;
     int32_t *pairs;
@@ -51,11 +55,10 @@ static Box box_of(const Search *s, int32_t face) {
 }
 
 static double middle(const Search *s, int32_t slot, int axis) {
-    const Box *box = s->boxes + s->order[slot];
-    return box->low[axis] + box->high[axis];
+    return s->items[slot].box.low[axis] + s->items[slot].box.high[axis];
 }
 
-/* Sort faces low to high - 1 so far that those before `half` are not beyond it (Hoare 1961). */
+/* Sort items low to high - 1 so far that those before `half` are not beyond it (Hoare 1961). */
 static void split_at(Search *s, int32_t low, int32_t high, int32_t half, int axis) {
     while (high - low > 1) {
         double pivot = middle(s, low + (high - low) / 2, axis);
@@ -64,8 +67,8 @@ static void split_at(Search *s, int32_t low, int32_t high, int32_t half, int axi
             while (middle(s, i, axis) < pivot) i++;
             while (middle(s, j, axis) > pivot) j--;
             if (i > j) break;
-            int32_t other = s->order[i];
-            s->order[i++] = s->order[j], s->order[j--] = other;
+            Item other = s->items[i];
+            s->items[i++] = s->items[j], s->items[j--] = other;
         }
         if (half <= j) high = j + 1;
         else if (half >= i) low = i;
@@ -73,21 +76,21 @@ static void split_at(Search *s, int32_t low, int32_t high, int32_t half, int axi
     }
 }
 
-/* Build the tree over faces first to first + count - 1 of the order. */
+/* Build the tree over items first to first + count - 1. */
 static void build(Search *s, int32_t first, int32_t count) {
     int32_t index = s->node_count++;
     Node *node = s->nodes + index;
-    *node = (Node){.box = s->boxes[s->order[first]]};
+    *node = (Node){.box = s->items[first].box};
     Box middles = {{INFINITY, INFINITY, INFINITY}, {-INFINITY, -INFINITY, -INFINITY}};
     for (int32_t i = first; i < first + count; i++) {
-        const Box *box = s->boxes + s->order[i];
+        const Box *box = &s->items[i].box;
         for (int k = 0; k < 3; k++) {
             double x = box->low[k] + box->high[k];
             node->box.low[k] = least(node->box.low[k], box->low[k]);
             node->box.high[k] = most(node->box.high[k], box->high[k]);
             middles.low[k] = least(middles.low[k], x), middles.high[k] = most(middles.high[k], x);
         }
-        node->question |= !s->question || s->question[s->order[i]];
+        node->question |= !s->question || s->question[s->items[i].face];
     }
     if (count <= IN_LEAF) {
         node->first = first, node->count = count;
@@ -120,9 +123,10 @@ static int points_close(const Search *s, int32_t f, int32_t g) {
     return x * x + y * y + z * z <= s->reach * s->reach;
 }
 
-static void try_pair(Search *s, int32_t f, int32_t g) {
+static void try_pair(Search *s, const Item *one, const Item *other) {
+    int32_t f = one->face, g = other->face;
+    if (!overlap(&one->box, &other->box)) return;
     if (s->question && !s->question[f] && !s->question[g]) return;
-    if (!overlap(s->boxes + f, s->boxes + g)) return;
     int meet = s->faces
         ? faces_meet(s->places, s->faces + 3 * (ptrdiff_t)f, s->faces + 3 * (ptrdiff_t)g)
         : points_close(s, f, g);
@@ -135,7 +139,7 @@ static void try_nodes(Search *s, const Node *a, const Node *b) {
     if (a->count && b->count) {
         for (int32_t i = 0; i < a->count; i++)
             for (int32_t j = 0; j < b->count; j++)
-                try_pair(s, s->order[a->first + i], s->order[b->first + j]);
+                try_pair(s, s->items + a->first + i, s->items + b->first + j);
     } else if (b->count || (!a->count && a->right - (a - s->nodes) > b->right - (b - s->nodes))) {
         try_nodes(s, a + 1, b), try_nodes(s, s->nodes + a->right, b);
     } else {
@@ -153,5 +157,5 @@ static void try_within(Search *s, const Node *node) {
     }
     for (int32_t i = 0; i < node->count; i++)
         for (int32_t j = i + 1; j < node->count; j++)
-            try_pair(s, s->order[node->first + i], s->order[node->first + j]);
+            try_pair(s, s->items + node->first + i, s->items + node->first + j);
 }

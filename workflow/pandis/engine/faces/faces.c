@@ -14,16 +14,15 @@
 
 /* Search among `count` faces or points. Returns the number of pairs, or -1 if memory is short. */
 static int64_t search(Search *s, int32_t count) {
-    s->boxes = malloc((size_t)count * sizeof *s->boxes);
-    s->order = malloc((size_t)count * sizeof *s->order);
+    s->items = malloc((size_t)count * sizeof *s->items);
     s->nodes = malloc((size_t)count * sizeof *s->nodes);
-    s->short_of_memory = !s->boxes || !s->order || !s->nodes;
+    s->short_of_memory = !s->items || !s->nodes;
     if (!s->short_of_memory) {
-        for (int32_t i = 0; i < count; i++) s->boxes[i] = box_of(s, i), s->order[i] = i;
+        for (int32_t i = 0; i < count; i++) s->items[i] = (Item){box_of(s, i), i};
         build(s, 0, count);
         try_within(s, s->nodes);
     }
-    free(s->boxes), free(s->order), free(s->nodes);
+    free(s->items), free(s->nodes);
     return s->short_of_memory ? -1 : s->pair_count;
 }
 

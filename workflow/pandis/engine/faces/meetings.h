@@ -65,15 +65,11 @@ static int on_opposite(const double *corner, const double *p, const double *q) {
     return 1;
 }
 
-/* Whether a triangle's edges without common corners meet another triangle; -1 if the other corners
- * are on one side of its plane, so that nothing meets. `common` are bits of corners. */
+/* Whether a triangle's edges without common corners meet another triangle. `common` are bits of
+ * corners. */
 static int edges_meet(const double *const *f, const double *const *g, int common) {
-    int on[3], above = 0, below = 0, all = 3;
-    for (int k = 0; k < 3; k++) {
-        on[k] = common >> k & 1 ? 0 : side(g[0], g[1], g[2], f[k]);
-        above += on[k] > 0, below += on[k] < 0, all -= common >> k & 1;
-    }
-    if (above == all || below == all) return -1;
+    int on[3];
+    for (int k = 0; k < 3; k++) on[k] = common >> k & 1 ? 0 : side(g[0], g[1], g[2], f[k]);
     for (int k = 0; k < 3; k++) {
         int next = (k + 1) % 3;
         if ((common >> k | common >> next) & 1) continue;
@@ -86,10 +82,68 @@ static int edges_meet(const double *const *f, const double *const *g, int common
     return 0;
 }
 
+/* Whether the corners of a triangle that are not common are all on one side of another's plane: 1,
+ * 0, or UNSURE if any is in the plane, or floating point cannot tell. */
+static int beside(const double *const *f, const double *const *g, int in_g) {
+    int first = 0;
+    for (int i = 0; i < 3; i++) {
+        if (in_g >> i & 1) continue;
+        int way = quick_side(f[0], f[1], f[2], g[i]);
+        if (way == 0 || way == UNSURE) return UNSURE;
+        if (first && way != first) return 0;
+        first = way;
+    }
+    return 1;
+}
+
+/* The axis along which a triangle looks largest. */
+static int widest_axis(const double *const *c) {
+    double most = -1;
+    int axis = 0;
+    for (int k = 0; k < 3; k++) {
+        int x = (k + 1) % 3, y = (k + 2) % 3;
+        double area = fabs(
+            (c[1][x] - c[0][x]) * (c[2][y] - c[0][y]) - (c[1][y] - c[0][y]) * (c[2][x] - c[0][x]));
+        if (area > most) most = area, axis = k;
+    }
+    return axis;
+}
+
+/* Whether a point on the line of two others is on the other side of the first than the second. */
+static int opposite(const double *at, const double *from, const double *p, int x, int y) {
+    return (p[x] - at[x]) * (from[x] - at[x]) < 0 || (p[y] - at[y]) * (from[y] - at[y]) < 0;
+}
+
+/* Whether an edge of one triangle parts it from another, seen along an axis: all corners of the
+ * other that are not common lie beyond the line of that edge, which passes through the common one,
+ * or on it, but on the other side of the common one. Then the two do not meet elsewhere, in one
+ * plane or not. This is quicker than exact signs in space, which faces in one plane would need. */
+static int parts(const double *const *f, const double *const *g, int in_f, int in_g, int axis) {
+    int x = (axis + 1) % 3, y = (axis + 2) % 3;
+    for (int k = 0; k < 3; k++) {
+        int next = (k + 1) % 3, beyond = 0, all = 0;
+        if (in_f && !((in_f >> k | in_f >> next) & 1)) continue;
+        int way = turn(f[k], f[next], f[3 - k - next], x, y);
+        const double *at = f[in_f >> k & 1 ? k : next], *end = f[in_f >> k & 1 ? next : k];
+        for (int i = 0; i < 3 && way; i++) {
+            if (in_g >> i & 1) continue;
+            int sign = turn(f[k], f[next], g[i], x, y);
+            beyond += sign == -way || (!sign && in_f && opposite(at, end, g[i], x, y)), all++;
+        }
+        if (way && beyond == all) return 1;
+    }
+    return 0;
+}
+
 /* Whether two triangles u, v, a and u, v, b overlap beside their common edge. */
 static int folded(const double *u, const double *v, const double *a, const double *b) {
+    const double *c[3] = {u, v, a};
+    int axis = widest_axis(c), flat = 0;
+    if (turn(u, v, a, (axis + 1) % 3, (axis + 2) % 3) *
+            turn(u, v, b, (axis + 1) % 3, (axis + 2) % 3) <
+        0)
+        return 0;
     if (side(u, v, a, b)) return 0;
-    int flat = 0;
     for (int k = 0; k < 3; k++) {
         int x = (k + 1) % 3, y = (k + 2) % 3;
         int one = turn(u, v, a, x, y), other = turn(u, v, b, x, y);
@@ -117,6 +171,12 @@ static int faces_meet(const double *places, const int32_t *one, const int32_t *o
         int a = in_f == 3 ? 2 : in_f == 5 ? 1 : 0, b = in_g == 3 ? 2 : in_g == 5 ? 1 : 0;
         return folded(f[(a + 1) % 3], f[(a + 2) % 3], f[a], g[b]);
     }
-    int answer = edges_meet(f, g, in_f);
-    return answer ? answer > 0 : edges_meet(g, f, in_g) > 0;
+    int f_beside = beside(g, f, in_f), g_beside = UNSURE;
+    if (f_beside != UNSURE) g_beside = beside(f, g, in_g);
+    if (f_beside == 1 || g_beside == 1) return 0;
+    if (f_beside == UNSURE || g_beside == UNSURE) {
+        int axis = widest_axis(f);
+        if (parts(f, g, in_f, in_g, axis) || parts(g, f, in_g, in_f, axis)) return 0;
+    }
+    return edges_meet(f, g, in_f) || edges_meet(g, f, in_g);
 }

@@ -93,17 +93,20 @@ static int sign(double x) { return (x > 0) - (x < 0); }
 
 static int sign_of(const Sum *sum) { return sum->size ? sign(sum->part[sum->size - 1]) : 0; }
 
-/* The sign of the area of a triangle a, b, c, seen along the axis that is neither x nor y. */
-static int turn(const double *a, const double *b, const double *c, int x, int y) {
-    double one = (a[x] - c[x]) * (b[y] - c[y]), other = (a[y] - c[y]) * (b[x] - c[x]);
-    double area = one - other;
-    double size = fabs(one) + fabs(other);
-    if (fabs(area) > AREA_ERROR * size || size == 0) return sign(area);
+static int exact_turn(const double *a, const double *b, const double *c, int x, int y) {
     Sum ax, ay, bx, by, exact;
     set_difference(&ax, a[x], c[x]), set_difference(&ay, a[y], c[y]);
     set_difference(&bx, b[x], c[x]), set_difference(&by, b[y], c[y]);
     cross_product(&ax, &by, &ay, &bx, &exact);
     return sign_of(&exact);
+}
+
+/* The sign of the area of a triangle a, b, c, seen along the axis that is neither x nor y. */
+static int turn(const double *a, const double *b, const double *c, int x, int y) {
+    double one = (a[x] - c[x]) * (b[y] - c[y]), other = (a[y] - c[y]) * (b[x] - c[x]);
+    double area = one - other, size = fabs(one) + fabs(other);
+    if (fabs(area) > AREA_ERROR * size || size == 0) return sign(area);
+    return exact_turn(a, b, c, x, y);
 }
 
 static int exact_side(const double *a, const double *b, const double *c, const double *p) {
@@ -123,8 +126,10 @@ static int exact_side(const double *a, const double *b, const double *c, const d
     return sign_of(&one);
 }
 
-/* On which side of the plane of a, b, c a point is: 1, -1, or 0 in the plane. */
-static int side(const double *a, const double *b, const double *c, const double *p) {
+#define UNSURE 2
+
+/* On which side of the plane of a, b, c a point is, if floating point can tell. */
+static int quick_side(const double *a, const double *b, const double *c, const double *p) {
     double u[3], v[3], w[3], volume = 0, size = 0;
     for (int k = 0; k < 3; k++) u[k] = a[k] - p[k], v[k] = b[k] - p[k], w[k] = c[k] - p[k];
     for (int k = 0; k < 3; k++) {
@@ -132,6 +137,11 @@ static int side(const double *a, const double *b, const double *c, const double 
         double one = u[x] * v[y], other = u[y] * v[x];
         volume += w[k] * (one - other), size += fabs(w[k]) * (fabs(one) + fabs(other));
     }
-    if (fabs(volume) > VOLUME_ERROR * size || size == 0) return sign(volume);
-    return exact_side(a, b, c, p);
+    return fabs(volume) > VOLUME_ERROR * size || size == 0 ? sign(volume) : UNSURE;
+}
+
+/* On which side of the plane of a, b, c a point is: 1, -1, or 0 in the plane. */
+static int side(const double *a, const double *b, const double *c, const double *p) {
+    int quick = quick_side(a, b, c, p);
+    return quick == UNSURE ? exact_side(a, b, c, p) : quick;
 }
