@@ -1,12 +1,12 @@
-"""Queries with a reach, and from tick to tick, against full ones; prints medians in microseconds.
+"""Queries with a reach against full ones; prints medians in microseconds.
 
 Usage: PANDIS_MESHES=FOLDER .venv/bin/python tests/benchmarks/reach.py
 
 Of three scans, as `exact` and as `compact-16`: a full query along a path with steps of 0.004 and of
-0.009 of the unit frame (0.5 m/s for an object of 10 cm), the latter with a hint, and at uniform
-points of the box, there also with a reach of 0.05. All take turns in one run. The last figure is
-what any hint could save that tells how far the surface is: a query that is given the distance to a
-millionth, over one that is not, point by point, in the median.
+0.009 of the unit frame (0.5 m/s for an object of 10 cm), and at uniform points of the box, there
+also with a reach of 0.05. All take turns in one run. The last figure is what any hint could save
+that tells how far the surface is: a query that is given the distance to a millionth, over one that
+is not, point by point, in the median.
 """
 
 import numpy as np
@@ -55,7 +55,6 @@ def main():
         cases = {
             "path": (path, {}),
             "fast path": (fast, {}),
-            "fast path, hint": (fast, {"follow": True}),
             "box": (box, {}),
             "box, reach": (box, {"reach": REACH}),
         }

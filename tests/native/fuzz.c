@@ -56,12 +56,10 @@ static int ask(const unsigned char *data, size_t size) {
             double force[3];
             pandis_answer answer;
             pandis_answer again;
-            pandis_hint hint;
-            memset(&hint, (int)(i * 37 & 255), sizeof hint); /* what somebody has written over it */
             pandis_query(&field, points[i], &answer);
             for (double reach = 0; reach < 2; reach += 0.4)
                 pandis_query_within(&field, points[i], reach, &again);
-            for (int k = 0; k < 2; k++) pandis_query_from(&field, points[i], &hint, &again);
+            pandis_query_within(&field, points[i], -1, &again);
             if (again.flag != answer.flag) abort();
             int flag = pandis_force(&field, points[i], 400, force);
             for (int k = 0; k < 3; k++)

@@ -48,17 +48,6 @@ def test_within_its_reach_a_query_is_the_same(name, reach, files):
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_a_hint_changes_no_bit(name, files):
-    """Along a path, in leaps, and where there is no answer."""
-    field = NativeField(files[name])
-    leaps = points_for(field)
-    path = np.cumsum(np.random.default_rng(1).normal(0, 0.01, (3000, 3)), axis=0)
-    nowhere = np.array([[np.nan, 0, 0], [np.inf, 0, 0], [1e200, 0, 0]])
-    for points in (leaps, field.frame.to_mesh(path), np.concatenate([nowhere, leaps, nowhere])):
-        assert same(field.follow(points), field.query(points))
-
-
-@pytest.mark.parametrize("name", NAMES)
 def test_a_distance_alone_has_the_same_bits(name, files):
     field, lib = NativeField(files[name]), library()
     points = np.concatenate([points_for(field)[:500], [[np.nan, 0, 0], [1e300, 0, 0]]])
@@ -69,24 +58,6 @@ def test_a_distance_alone_has_the_same_bits(name, files):
         flags.append(lib.pandis_distance(field.address, at, distance[index:].ctypes.data))
     assert np.array_equal(distance, wanted.distance, equal_nan=True)
     assert flags == wanted.flag.tolist()
-
-
-@pytest.mark.parametrize("word", [1, 2, 7, 1 << 31, (1 << 31) - 1, 1 << 63, (1 << 64) - 1])
-def test_a_hint_of_something_else_does_no_harm(word, files):
-    """What a caller has written over it, or of another field."""
-    lib = library()
-    lib.pandis_query_from.argtypes = [ctypes.c_void_p] * 4
-    for name in ("exact", "compact", "spline"):
-        field = NativeField(files[name])
-        points = points_for(field)[:50]
-        wanted = field.query(points)
-        answer = (ctypes.c_double * 8)()
-        for index, point in enumerate(points):
-            hint = (ctypes.c_uint64 * 16)(*[word] * 16)
-            at = (ctypes.c_double * 3)(*point)
-            lib.pandis_query_from(field.address, at, hint, answer)
-            assert answer[0] == wanted.distance[index]
-            assert tuple(answer[1:4]) == tuple(wanted.normal[index])
 
 
 def test_a_reach_that_is_none_is_refused_or_asks_for_all(files):
@@ -253,13 +224,12 @@ def test_of_a_cut_answer_the_first_face_on_the_way_tells_the_side(monkeypatch):
     assert (found.distance > 0).all()
 
 
-def test_a_reach_or_a_hint_cuts_no_earlier(monkeypatch):
+def test_a_reach_cuts_no_earlier(monkeypatch):
     """A search that knows more takes another way: where that is cut, it is not the answer."""
     field, _ = ball(600, monkeypatch)
     points = np.concatenate([middle(500, 1e-3), middle(500, 0.3)])
     wanted = field.query(points)
     assert 0.2 < (wanted.flag == CUT).mean() < 1
-    assert same(field.follow(points), wanted)
     for reach in (0.5, 0.88, 0.9, 1.5):
         found, clear = field.query_within(points, reach)
         beyond = found.flag == BEYOND

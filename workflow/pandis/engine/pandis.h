@@ -164,12 +164,6 @@ typedef struct {
     int32_t region; /* material of the surface there (pandis_region); -1 if the file has none */
 } pandis_answer;
 
-/* State that pandis_query_from keeps between queries: all zero before the first. It may be copied,
- * or used with another field: it affects the time of a query, never the answer. */
-typedef struct {
-    uint64_t room[16];
-} pandis_hint;
-
 /* The structures below are internal: read them, but do not rely on them. */
 typedef struct {
     int32_t size; /* nodes per axis */
@@ -387,16 +381,6 @@ PANDIS_API void pandis_query(
  * reach    mesh units, from 0 on */
 PANDIS_API void pandis_query_within(
     const pandis_field *field, const double point[3], double reach, pandis_answer *answer);
-
-/* [rt] Query one point as pandis_query does, bit for bit (but a search with a hint may come to its
- * end where the other is cut: PANDIS_CUT). For `exact` meshes this is faster if the previous point
- * with the same hint was near. It is slower in the middle of a ball, where very many faces are
- * about equally near. Other fields do not use the hint.
- *
- * point    mesh units
- * hint     all zero before the first query */
-PANDIS_API void pandis_query_from(
-    const pandis_field *field, const double point[3], pandis_hint *hint, pandis_answer *answer);
 
 /* [rt] The distance alone (mesh units; NaN without an answer) and its flag, bit for bit as
  * pandis_query returns them. For a network whose normal is its gradient, this takes less than half
@@ -1464,17 +1448,16 @@ static int pandis__meets(const double *const *c, const double *p, const double *
 }
 /* -------------------- closest points of a mesh */
 
-/* Input of a search (unit frame): how far to look, and a guess of the distance to the nearest face,
- * which may be wrong. Output: the closest point, its face in mesh.zarr.zip (-1: unknown), the place
- * of that face in the field's own order (-1: none), whether the point lies on a corner or an edge,
- * and the direction of that edge (else 0). */
+/* Input of a search: how far to look (unit frame). Output: the closest face in mesh.zarr.zip (-1:
+ * unknown), its place in the field's own order (-1: none), whether the closest point lies on a
+ * corner or an edge, and the direction of that edge (else 0). */
 typedef struct {
-    double reach, guess, closest[3];
+    double reach;
     int32_t face, place, round;
     double along[3];
 } pandis__start;
 
-#define PANDIS__WITHIN(reach) {reach, (double)INFINITY, {0, 0, 0}, -1, -1, 0, {0, 0, 0}}
+#define PANDIS__WITHIN(reach) {reach, -1, -1, 0, {0, 0, 0}}
 #define PANDIS__ANYWHERE PANDIS__WITHIN((double)INFINITY)
 
 typedef struct {
@@ -2010,19 +1993,17 @@ static double pandis__cut_sign(
 PANDIS__APART static pandis_flag pandis__answer_mesh(const pandis__mesh *t, const double *u,
     pandis__start *begin, double *distance, double *normal, double *clear) {
     pandis__foot foot;
-    double limit = begin->guess * (1 + 1e-9) + 1e-12 * t->reach; /* with a margin for rounding */
     /* search up to the reach, plus a margin for the errors of leaves with sliver triangles */
-    int beyond = begin->reach < 1e18 && begin->reach < limit;
-    if (beyond) limit = begin->reach * (1 + 1e-6) + 1e-5 * t->reach;
+    double limit =
+        begin->reach < 1e18 ? begin->reach * (1 + 1e-6) + 1e-5 * t->reach : (double)INFINITY;
     int32_t face = pandis__nearest(t, u, limit, clear);
     int cut = *clear < (double)INFINITY;
-    if (face == INT32_MAX && beyond && !cut) {
+    if (face == INT32_MAX && limit < (double)INFINITY && !cut) {
         *clear = begin->reach;
         return PANDIS_BEYOND;
     }
     /* a search with a limit may find another face if it is cut short: repeat it without a limit */
-    if ((face == INT32_MAX || cut) && limit < (double)INFINITY)
-        face = pandis__nearest(t, u, (double)INFINITY, clear);
+    if (cut && limit < (double)INFINITY) face = pandis__nearest(t, u, (double)INFINITY, clear);
     if (face == INT32_MAX) return PANDIS_INVALID;
     double n[3], sign;
     cut = *clear < (double)INFINITY;
@@ -2030,7 +2011,6 @@ PANDIS__APART static pandis_flag pandis__answer_mesh(const pandis__mesh *t, cons
         pandis__corner(t, face, 0), pandis__corner(t, face, 1), pandis__corner(t, face, 2)};
     pandis__find_mesh_foot(t, face, u, &foot);
     pandis__keep_feature(corner, &foot, begin);
-    for (int k = 0; k < 3; k++) begin->closest[k] = u[k] - foot.offset[k];
     begin->face = begin->place = face;
     pandis__pseudonormal(t, face, &foot, n);
     sign = pandis__sign(t, u, &foot, n);
@@ -3106,6 +3086,8 @@ static void pandis__tell(const pandis_field *field, double d, double *n, double 
     answer->flag = flag, answer->face = answer->region = -1;
 }
 
+/* Answer a query. `cells` is a cache for splines, used with this field only and all zero before its
+ * first query; NULL: no cache. */
 static void pandis__ask(const pandis_field *field, const double *point, pandis__start *begin,
     pandis__cells *cells, pandis_answer *answer) {
     double u[1][3], d = 0, n[1][3] = {{0}}, clear = 0;
@@ -3148,29 +3130,6 @@ PANDIS_API void pandis_query_within(
     const pandis_field *field, const double point[3], double reach, pandis_answer *answer) {
     pandis__start begin = PANDIS__WITHIN(reach >= 0 ? reach * field->scale : (double)INFINITY);
     pandis__ask(field, point, &begin, NULL, answer);
-}
-
-/* The same as pandis_query_from. `cells` is a cache for splines, used with this field only and all
- * zero before its first query; NULL: no cache. */
-static void pandis__query_after(const pandis_field *field, const double *point, pandis_hint *hint,
-    pandis__cells *cells, pandis_answer *answer) {
-    pandis__start begin = PANDIS__ANYWHERE;
-    double u[3], way[3];
-    memcpy(begin.closest, hint->room + 1, sizeof begin.closest);
-    /* the previous closest point may still be about as near */
-    if (hint->room[0] == 1 && pandis__unit(field, point, u)) {
-        for (int k = 0; k < 3; k++) way[k] = u[k] - begin.closest[k];
-        double guess = sqrt(pandis__dot(way, way));
-        if (guess >= 0) begin.guess = guess;
-    }
-    pandis__ask(field, point, &begin, cells, answer);
-    hint->room[0] = field->kind == PANDIS_MESH;
-    memcpy(hint->room + 1, begin.closest, sizeof begin.closest);
-}
-
-PANDIS_API void pandis_query_from(
-    const pandis_field *field, const double point[3], pandis_hint *hint, pandis_answer *answer) {
-    pandis__query_after(field, point, hint, NULL, answer);
 }
 
 PANDIS_API pandis_flag pandis_distance(

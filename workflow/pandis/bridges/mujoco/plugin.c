@@ -130,7 +130,6 @@ static __thread struct {
     double point[3];
     int whole; /* the answer includes the normal */
     pandis_answer answer;
-    pandis_hint hint;
 } kept[KEPT];
 
 /* Return the answer at a point of a file, in the file's units; with the normal if `whole`. */
@@ -149,7 +148,8 @@ static const pandis_answer *ask(placed *p, const double point[3], int whole) {
          * does not use the cache */
         pandis__cells *cells =
             p->cells && !__atomic_exchange_n(&p->asking, 1, __ATOMIC_ACQUIRE) ? p->cells : NULL;
-        pandis__query_after(field, point, &kept[at].hint, cells, &kept[at].answer);
+        pandis__start begin = PANDIS__ANYWHERE;
+        pandis__ask(field, point, &begin, cells, &kept[at].answer);
         if (cells) __atomic_store_n(&p->asking, 0, __ATOMIC_RELEASE);
     } else {
         kept[at].answer.flag = pandis_distance(field, point, &kept[at].answer.distance);

@@ -383,7 +383,7 @@ void packing_distances(const void *branches, const void *blocks, const void *pac
         .packed = packed};
     for (int64_t i = 0; i < count; i++) {
         double normal[3];
-        pandis__start begin = {(double)INFINITY, (double)INFINITY, {0, 0, 0}, -1, -1};
+        pandis__start begin = PANDIS__ANYWHERE;
         pandis__answer_compact(&t, points + 3 * i, &begin, distance + i, normal, clear + i);
     }
 }

@@ -93,16 +93,6 @@ PANDIS_API void pandis_query(
 PANDIS_API void pandis_query_within(
     const pandis_field *field, const double point[3], double reach, pandis_answer *answer);
 
-/* [rt] Query one point as pandis_query does, bit for bit (but a search with a hint may come to its
- * end where the other is cut: PANDIS_CUT). For `exact` meshes this is faster if the previous point
- * with the same hint was near. It is slower in the middle of a ball, where very many faces are
- * about equally near. Other fields do not use the hint.
- *
- * point    mesh units
- * hint     all zero before the first query */
-PANDIS_API void pandis_query_from(
-    const pandis_field *field, const double point[3], pandis_hint *hint, pandis_answer *answer);
-
 /* [rt] The distance alone (mesh units; NaN without an answer) and its flag, bit for bit as
  * pandis_query returns them. For a network whose normal is its gradient, this takes less than half
  * the time; otherwise the same time. */

@@ -1,16 +1,15 @@
 /* -------------------- closest points of a mesh */
 
-/* Input of a search (unit frame): how far to look, and a guess of the distance to the nearest face,
- * which may be wrong. Output: the closest point, its face in mesh.zarr.zip (-1: unknown), the place
- * of that face in the field's own order (-1: none), whether the point lies on a corner or an edge,
- * and the direction of that edge (else 0). */
+/* Input of a search: how far to look (unit frame). Output: the closest face in mesh.zarr.zip (-1:
+ * unknown), its place in the field's own order (-1: none), whether the closest point lies on a
+ * corner or an edge, and the direction of that edge (else 0). */
 typedef struct {
-    double reach, guess, closest[3];
+    double reach;
     int32_t face, place, round;
     double along[3];
 } pandis__start;
 
-#define PANDIS__WITHIN(reach) {reach, (double)INFINITY, {0, 0, 0}, -1, -1, 0, {0, 0, 0}}
+#define PANDIS__WITHIN(reach) {reach, -1, -1, 0, {0, 0, 0}}
 #define PANDIS__ANYWHERE PANDIS__WITHIN((double)INFINITY)
 
 typedef struct {

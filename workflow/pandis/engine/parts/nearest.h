@@ -364,19 +364,17 @@ static double pandis__cut_sign(
 PANDIS__APART static pandis_flag pandis__answer_mesh(const pandis__mesh *t, const double *u,
     pandis__start *begin, double *distance, double *normal, double *clear) {
     pandis__foot foot;
-    double limit = begin->guess * (1 + 1e-9) + 1e-12 * t->reach; /* with a margin for rounding */
     /* search up to the reach, plus a margin for the errors of leaves with sliver triangles */
-    int beyond = begin->reach < 1e18 && begin->reach < limit;
-    if (beyond) limit = begin->reach * (1 + 1e-6) + 1e-5 * t->reach;
+    double limit =
+        begin->reach < 1e18 ? begin->reach * (1 + 1e-6) + 1e-5 * t->reach : (double)INFINITY;
     int32_t face = pandis__nearest(t, u, limit, clear);
     int cut = *clear < (double)INFINITY;
-    if (face == INT32_MAX && beyond && !cut) {
+    if (face == INT32_MAX && limit < (double)INFINITY && !cut) {
         *clear = begin->reach;
         return PANDIS_BEYOND;
     }
     /* a search with a limit may find another face if it is cut short: repeat it without a limit */
-    if ((face == INT32_MAX || cut) && limit < (double)INFINITY)
-        face = pandis__nearest(t, u, (double)INFINITY, clear);
+    if (cut && limit < (double)INFINITY) face = pandis__nearest(t, u, (double)INFINITY, clear);
     if (face == INT32_MAX) return PANDIS_INVALID;
     double n[3], sign;
     cut = *clear < (double)INFINITY;
@@ -384,7 +382,6 @@ PANDIS__APART static pandis_flag pandis__answer_mesh(const pandis__mesh *t, cons
         pandis__corner(t, face, 0), pandis__corner(t, face, 1), pandis__corner(t, face, 2)};
     pandis__find_mesh_foot(t, face, u, &foot);
     pandis__keep_feature(corner, &foot, begin);
-    for (int k = 0; k < 3; k++) begin->closest[k] = u[k] - foot.offset[k];
     begin->face = begin->place = face;
     pandis__pseudonormal(t, face, &foot, n);
     sign = pandis__sign(t, u, &foot, n);

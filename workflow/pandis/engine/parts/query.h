@@ -49,6 +49,8 @@ static void pandis__tell(const pandis_field *field, double d, double *n, double 
     answer->flag = flag, answer->face = answer->region = -1;
 }
 
+/* Answer a query. `cells` is a cache for splines, used with this field only and all zero before its
+ * first query; NULL: no cache. */
 static void pandis__ask(const pandis_field *field, const double *point, pandis__start *begin,
     pandis__cells *cells, pandis_answer *answer) {
     double u[1][3], d = 0, n[1][3] = {{0}}, clear = 0;
@@ -91,29 +93,6 @@ PANDIS_API void pandis_query_within(
     const pandis_field *field, const double point[3], double reach, pandis_answer *answer) {
     pandis__start begin = PANDIS__WITHIN(reach >= 0 ? reach * field->scale : (double)INFINITY);
     pandis__ask(field, point, &begin, NULL, answer);
-}
-
-/* The same as pandis_query_from. `cells` is a cache for splines, used with this field only and all
- * zero before its first query; NULL: no cache. */
-static void pandis__query_after(const pandis_field *field, const double *point, pandis_hint *hint,
-    pandis__cells *cells, pandis_answer *answer) {
-    pandis__start begin = PANDIS__ANYWHERE;
-    double u[3], way[3];
-    memcpy(begin.closest, hint->room + 1, sizeof begin.closest);
-    /* the previous closest point may still be about as near */
-    if (hint->room[0] == 1 && pandis__unit(field, point, u)) {
-        for (int k = 0; k < 3; k++) way[k] = u[k] - begin.closest[k];
-        double guess = sqrt(pandis__dot(way, way));
-        if (guess >= 0) begin.guess = guess;
-    }
-    pandis__ask(field, point, &begin, cells, answer);
-    hint->room[0] = field->kind == PANDIS_MESH;
-    memcpy(hint->room + 1, begin.closest, sizeof begin.closest);
-}
-
-PANDIS_API void pandis_query_from(
-    const pandis_field *field, const double point[3], pandis_hint *hint, pandis_answer *answer) {
-    pandis__query_after(field, point, hint, NULL, answer);
 }
 
 PANDIS_API pandis_flag pandis_distance(

@@ -74,12 +74,6 @@ typedef struct {
     int32_t region; /* material of the surface there (pandis_region); -1 if the file has none */
 } pandis_answer;
 
-/* State that pandis_query_from keeps between queries: all zero before the first. It may be copied,
- * or used with another field: it affects the time of a query, never the answer. */
-typedef struct {
-    uint64_t room[16];
-} pandis_hint;
-
 /* The structures below are internal: read them, but do not rely on them. */
 typedef struct {
     int32_t size; /* nodes per axis */

@@ -275,28 +275,14 @@ class NativeField:
         """
         if not reach >= 0:
             raise ValueError(f"a reach must be 0 or more, not {reach}")
-        answer, clear = self._answers(points, reach)
-        beyond = (np.abs(answer.distance) > reach) & (answer.flag != CUT)
-        answer.distance[beyond], answer.normal[beyond], answer.flag[beyond] = np.nan, np.nan, BEYOND
-        return answer, clear
-
-    def follow(self, points: ArrayLike) -> NativeAnswer:
-        """Query points (n, 3) along a path, starting each search from the previous result.
-
-        Returns
-        -------
-        NativeAnswer
-            Bit for bit the same as from `query`.
-        """
-        return self._answers(points, -1.0)[0]
-
-    def _answers(self, points, reach):
         points = as_rows(points)
         count = len(points)
         answer = NativeAnswer(np.empty(count), np.empty((count, 3)), np.empty(count, np.uint8))
         clear = np.empty(count)
         columns = [column.ctypes.data for column in (*answer, clear)]
-        self._library.runtime_answers(self._field, points.ctypes.data, count, reach, *columns)
+        self._library.runtime_within(self._field, points.ctypes.data, count, reach, *columns)
+        beyond = (np.abs(answer.distance) > reach) & (answer.flag != CUT)
+        answer.distance[beyond], answer.normal[beyond], answer.flag[beyond] = np.nan, np.nan, BEYOND
         return answer, clear
 
     def _query(self, points, slopes=False):
@@ -381,18 +367,17 @@ class NativeField:
         cold: bool = False,
         *,
         reach: Number | None = None,
-        follow: bool = False,
     ) -> Floats:
         """Return the durations (queries,), s, of single queries that cycle through points (n, 3).
 
         If ``cold``, the caches are emptied before each query. With ``reach``, queries are those of
-        `query_within`; with ``follow``, those of `follow`.
+        `query_within`.
         """
         points = as_rows(points)
         if not len(points) or queries < 1:
             raise ValueError("at least one point and one query are needed")
         taken, other = np.empty(queries), np.zeros(CACHES if cold else 0, np.uint8)
-        how = -2.0 if follow else -1.0 if reach is None else reach
+        how = -1.0 if reach is None else reach
         self._library.runtime_time(
             self._field, points.ctypes.data, len(points), queries, how, taken.ctypes.data,
             other.ctypes.data, len(other),

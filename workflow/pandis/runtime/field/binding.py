@@ -47,6 +47,6 @@ def declared(lib):
     lib.runtime_refit_time.restype, lib.runtime_refit_time.argtypes = f64, [pointer, pointer]
     lib.runtime_frame.argtypes = [pointer, pointer]
     lib.runtime_derivatives.argtypes = [pointer, pointer, size, pointer, pointer]
-    lib.runtime_answers.argtypes = [pointer, pointer, size, f64, *[pointer] * 4]
+    lib.runtime_within.argtypes = [pointer, pointer, size, f64, *[pointer] * 4]
     lib.runtime_time.argtypes = [pointer, pointer, size, size, f64, pointer, pointer, size]
     return lib

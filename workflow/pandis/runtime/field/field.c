@@ -54,15 +54,12 @@ void runtime_query(const pandis_field *field, const double *points, size_t count
     }
 }
 
-/* Answers at points: within a reach if that is not negative, else with a hint that is passed from
- * one point to the next. */
-void runtime_answers(const pandis_field *field, const double *points, size_t count, double reach,
+/* Answers at points within a reach. */
+void runtime_within(const pandis_field *field, const double *points, size_t count, double reach,
     double *distances, double *normals, unsigned char *flags, double *clear) {
-    pandis_hint hint = {{0}};
     pandis_answer answer;
     for (size_t i = 0; i < count; i++) {
-        if (reach >= 0) pandis_query_within(field, points + 3 * i, reach, &answer);
-        else pandis_query_from(field, points + 3 * i, &hint, &answer);
+        pandis_query_within(field, points + 3 * i, reach, &answer);
         distances[i] = answer.distance, clear[i] = answer.clear,
         flags[i] = (unsigned char)answer.flag;
         memcpy(normals + 3 * i, answer.normal, sizeof answer.normal);
@@ -122,18 +119,15 @@ void runtime_forces(const pandis_field *field, const double *points, size_t coun
 }
 
 /* Duration (s) of each of `queries` single queries at the points in turn: within a reach if that is
- * not negative, with a hint if it is below -1. Writing `bytes` bytes of `other` before each query
- * empties the caches. */
+ * not negative. Writing `bytes` bytes of `other` before each query empties the caches. */
 void runtime_time(const pandis_field *field, const double *points, size_t count, size_t queries,
     double reach, double *taken, unsigned char *other, size_t bytes) {
     pandis_answer answer;
-    pandis_hint hint = {{0}};
     volatile double sink = 0;
     for (size_t i = 0; i < queries; i++) {
         for (size_t k = 0; k < bytes; k += 16) other[k]++;
         double start = seconds();
         if (reach >= 0) pandis_query_within(field, points + 3 * (i % count), reach, &answer);
-        else if (reach < -1) pandis_query_from(field, points + 3 * (i % count), &hint, &answer);
         else pandis_query(field, points + 3 * (i % count), &answer);
         taken[i] = seconds() - start;
         sink = sink + answer.distance;
