@@ -250,7 +250,8 @@ def _turned(part, places, faces, *, volume):
     """Return a mask of the faces of components that are flat or inside out, and were not before."""
     label = part[faces[:, 0]]
     now = signed_volumes(places, faces, label, count=len(volume))
-    return (now * np.sign(volume) < _LEAST_VOLUME)[label]
+    least = np.minimum(_LEAST_VOLUME, np.abs(volume) / 2)  # some are tiny from the beginning
+    return (now * np.sign(volume) < least)[label]
 
 
 def _near(places, chosen):
