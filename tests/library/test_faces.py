@@ -8,7 +8,7 @@ import pytest
 
 from pandis.engine.faces import close, connected, crossings
 from pandis.pipeline.geometry.shapes import SHAPES
-from pandis.pipeline.mesh.topology import edges_of, oriented, patches, same_place
+from pandis.pipeline.mesh.topology import edges_of, one_sided, oriented, patches, same_place
 from pandis.pipeline.mesh.tree import MeshTree
 
 SHEAR = np.array([[1, 0.3, 0], [0, 1, 0.1], [0.7, 0, 1]])
@@ -161,6 +161,48 @@ def test_oriented_faces_agree_with_the_first_of_their_patch():
     label, count = patches(faces)
     assert count == 2
     np.testing.assert_array_equal(label, np.arange(len(faces)) >= len(faces) // 2)
+
+
+def test_a_band_of_one_side_is_turned_as_far_as_it_can_be():
+    """All but the edges at one seam agree; a band of two sides agrees wholly."""
+    count = 300
+    for twisted in (True, False):
+        left, right = 2 * np.arange(count), 2 * np.arange(count) + 1
+        next_left, next_right = np.roll(left, -1), np.roll(right, -1)
+        if twisted:
+            next_left[-1], next_right[-1] = next_right[-1], next_left[-1]
+        one = np.stack([left, right, next_left], axis=1)
+        faces = np.concatenate([one, np.stack([right, next_right, next_left], axis=1)])
+        mixed = np.random.default_rng(7).random(len(faces)) < 0.5
+        faces[mixed] = faces[mixed, ::-1]
+        assert edges_of(faces).conflicts.sum() > 200
+        assert edges_of(oriented(faces)).conflicts.sum() == twisted
+        assert not one_sided(faces).any()  # it is open
+
+
+def test_an_edge_without_length_hides_no_overlap():
+    """Two corners at one place, as before welding."""
+    vertices = np.array([[0, 0, 0], [0, 0, 0], [1, 0, 0], [2, 0, 0], [-1, 0, 0], [0, 1, 0.0]])
+    for tip, expected in ((3, 1), (4, 0), (5, 0)):
+        assert len(crossings(vertices, [[0, 1, 2], [1, 0, tip]])) == expected
+
+
+def test_what_is_not_finite_is_refused_where_faces_use_it():
+    vertices = np.random.default_rng(8).random((6, 3))
+    vertices[5] = np.nan
+    assert len(crossings(vertices, [[0, 1, 2], [0, 1, 3]])) == 0
+    for value in (np.nan, np.inf):
+        vertices[3, 1] = value
+        with pytest.raises(ValueError, match="finite"):
+            crossings(vertices, [[0, 1, 2], [0, 1, 3]])
+
+
+def test_single_precision_means_the_same_numbers():
+    points = np.random.default_rng(9).random((300, 3)).astype(np.float32)
+    faces = np.arange(300).reshape(-1, 3)
+    double = points.astype(np.float64)
+    np.testing.assert_array_equal(crossings(points, faces), crossings(double, faces))
+    np.testing.assert_array_equal(close(points, 0.1), close(double, 0.1))
 
 
 def first_hits(vertices, faces, points, ways, skipped, least):

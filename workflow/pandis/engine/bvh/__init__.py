@@ -258,7 +258,7 @@ class Bvh:
         least : float
             Hits closer than this do not count.
         """
-        points, ways = np.ascontiguousarray(points), np.ascontiguousarray(ways)
+        points, ways = (np.ascontiguousarray(rows, np.float64) for rows in (points, ways))
         skipped, lengths = np.ascontiguousarray(skipped, np.int32), np.empty(len(points))
         columns = [column.ctypes.data for column in (points, ways, skipped)]
         self._library.bvh_first_hits(self._tree, *columns, least, len(points), lengths.ctypes.data)

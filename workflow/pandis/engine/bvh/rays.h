@@ -4,7 +4,13 @@
 static double length_to(const Bvh *t, int32_t face, const double *p, const double *way) {
     const double *c[3] = {corner(t, face, 0), corner(t, face, 1), corner(t, face, 2)};
     double length;
-    return pandis__meets(c, p, way, &length) ? length : INFINITY;
+    if (!pandis__meets(c, p, way, &length)) return INFINITY;
+    for (int k = 0; k < 3; k++) { /* along a sliver, rounding can place the hit elsewhere */
+        double at = p[k] + length * way[k], margin = 1e-6 * t->scale;
+        if (at < fmin(c[0][k], fmin(c[1][k], c[2][k])) - margin) return INFINITY;
+        if (at > fmax(c[0][k], fmax(c[1][k], c[2][k])) + margin) return INFINITY;
+    }
+    return length;
 }
 
 /* Whether a ray enters the box of a node's child before `limit`. Boxes are widened by what rounding

@@ -21,6 +21,7 @@ def library():
     lib.faces_close.argtypes = [pointer, i32, ctypes.c_double, pointer]
     lib.faces_free.argtypes = [pointer]
     lib.faces_connect.argtypes = [pointer, i64, pointer, i64]
+    lib.faces_orient.argtypes = [pointer, pointer, i32, *[pointer] * 4]
     return lib
 
 
@@ -37,6 +38,7 @@ def crossings(vertices, faces, question=None):
     question : ndarray, shape (F,), bool, optional
         Only pairs with at least one of these faces are returned.
     """
+    vertices = np.asarray(vertices, np.float64)
     faces = np.ascontiguousarray(faces, np.int32)
     if not len(faces):
         return np.empty((0, 2), np.int64)
@@ -44,6 +46,8 @@ def crossings(vertices, faces, question=None):
     used[faces.reshape(-1)] = True
     # a power of two rounds nothing; at this size, products neither overflow nor underflow
     size = np.ptp(vertices[used], axis=0).max()
+    if not np.isfinite(size):
+        raise ValueError("vertices that faces use must be finite")
     with np.errstate(over="ignore"):  # of vertices that no face uses
         places = np.ascontiguousarray(np.ldexp(vertices, 200 - int(np.frexp(size)[1])))
     mask = None if question is None else np.ascontiguousarray(question, np.uint8)
@@ -53,9 +57,10 @@ def crossings(vertices, faces, question=None):
 
 def close(points, distance):
     """Return the pairs (m, 2) of points (n, 3) that are at most a distance apart, sorted."""
+    points = np.ascontiguousarray(points, np.float64)
     if not len(points):
         return np.empty((0, 2), np.int64)
-    return _pairs(library().faces_close, np.ascontiguousarray(points), len(points), distance)
+    return _pairs(library().faces_close, points, len(points), distance)
 
 
 def _pairs(function, places, *arguments):
@@ -64,11 +69,17 @@ def _pairs(function, places, *arguments):
     count = function(places.ctypes.data, *arguments, ctypes.byref(start))
     try:
         if count < 0:
-            raise PandisError("not enough memory for the pairs of faces that cross")
-        pairs = np.frombuffer(ctypes.string_at(start, 8 * count), np.int32).reshape(-1, 2)
+            raise MemoryError
+        if not count:
+            return np.empty((0, 2), np.int64)
+        # not string_at, whose size is a C int
+        numbers = (ctypes.c_int32 * (2 * count)).from_address(start.value)
+        pairs = np.frombuffer(numbers, np.int32).reshape(-1, 2).astype(np.int64)
+        return pairs[np.lexsort(pairs.T[::-1])]
+    except MemoryError:
+        raise PandisError("not enough memory: too many faces cross, or points are close") from None
     finally:
         library().faces_free(start)
-    return pairs[np.lexsort(pairs.T[::-1])].astype(np.int64)
 
 
 def connected(pairs, count):
@@ -84,3 +95,31 @@ def connected(pairs, count):
     pairs, label = np.ascontiguousarray(pairs, np.int64), np.empty(count, np.int64)
     library().faces_connect(pairs.ctypes.data, len(pairs), label.ctypes.data, count)
     return label
+
+
+def orientation(neighbours, agrees):
+    """Return how faces must be turned so that neighbours agree with the first face of their patch.
+
+    Parameters
+    ----------
+    neighbours : ndarray, shape (F, 3), integer
+        The face across each edge of a face, or -1.
+    agrees : ndarray, shape (F, 3), bool
+        Whether that face runs along the edge the other way.
+
+    Returns
+    -------
+    patch : ndarray, shape (F,), int32
+        The first face of each face's patch.
+    turned, one_sided : ndarray, shape (F,), bool
+        Faces to turn, and faces of patches with only one side, where some neighbours cannot agree.
+    """
+    neighbours = np.ascontiguousarray(neighbours, np.int32)
+    agrees, count = np.ascontiguousarray(agrees, np.uint8), len(neighbours)
+    patch, queue = np.empty(count, np.int32), np.empty(count, np.int32)
+    turned, one_sided = np.empty(count, np.uint8), np.empty(count, np.uint8)
+    library().faces_orient(
+        neighbours.ctypes.data, agrees.ctypes.data, count,
+        *(column.ctypes.data for column in (patch, turned, one_sided, queue)),
+    )  # fmt: skip
+    return patch, turned.astype(bool), one_sided[patch].astype(bool)

@@ -62,3 +62,27 @@ void faces_connect(const int64_t *pairs, int64_t pair_count, int64_t *label, int
     }
     for (int64_t i = 0; i < count; i++) label[i] = label[label[i]]; /* labels are less than nodes */
 }
+
+/* Turn the faces of each patch, from its first face on, so that neighbours agree. `neighbours`
+ * holds the face across each of a face's three edges, or -1; `agrees` whether that one runs along
+ * the edge the other way. Sets each face's patch (its first face), whether it is turned, and for
+ * first faces of patches with only one side `one_sided`. `queue` has room for all faces. */
+void faces_orient(const int32_t *neighbours, const uint8_t *agrees, int32_t count, int32_t *patch,
+    uint8_t *turned, uint8_t *one_sided, int32_t *queue) {
+    for (int32_t i = 0; i < count; i++) patch[i] = -1, turned[i] = one_sided[i] = 0;
+    for (int32_t first = 0; first < count; first++) {
+        if (patch[first] >= 0) continue;
+        int32_t head = 0, tail = 0;
+        patch[first] = first, queue[tail++] = first;
+        while (head < tail) {
+            int32_t face = queue[head++];
+            for (int k = 0; k < 3; k++) {
+                int32_t next = neighbours[3 * (ptrdiff_t)face + k];
+                if (next < 0) continue;
+                uint8_t turn = turned[face] ^ !agrees[3 * (ptrdiff_t)face + k];
+                if (patch[next] < 0) patch[next] = first, turned[next] = turn, queue[tail++] = next;
+                else if (turned[next] != turn) one_sided[first] = 1;
+            }
+        }
+    }
+}

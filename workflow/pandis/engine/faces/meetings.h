@@ -150,7 +150,12 @@ static int folded(const double *u, const double *v, const double *a, const doubl
         if (one * other > 0) return 1;
         flat |= one | other;
     }
-    for (int k = 0; k < 3 && !flat; k++) { /* all on one line */
+    if (flat) return 0;
+    int point = u[0] == v[0] && u[1] == v[1] && u[2] == v[2];
+    for (int k = 0; k < 3 && point; k++) /* the faces are segments, perhaps in two directions */
+        if (turn(u, a, b, (k + 1) % 3, (k + 2) % 3)) return 0;
+    for (int k = 0; k < 3; k++) { /* all on one line */
+        if (point && (a[k] - u[k]) * (b[k] - u[k]) > 0) return 1;
         if ((v[k] - u[k]) * (a[k] - v[k]) > 0 && (v[k] - u[k]) * (b[k] - v[k]) > 0) return 1;
         if ((u[k] - v[k]) * (a[k] - u[k]) > 0 && (u[k] - v[k]) * (b[k] - u[k]) > 0) return 1;
     }

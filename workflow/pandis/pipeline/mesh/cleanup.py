@@ -49,8 +49,8 @@ def clean(vertices, faces, tolerance=0.0):
     """
     if tolerance:
         # igl.remove_duplicate_vertices rounds to a lattice, which separates some close pairs
-        finite = np.where(np.isfinite(vertices), vertices, 0)
-        representative = connected(close(finite, tolerance), len(vertices))
+        finite = np.flatnonzero(np.isfinite(vertices).all(axis=1))
+        representative = connected(finite[close(vertices[finite], tolerance)], len(vertices))
     else:
         representative = same_place(vertices)
     welded = representative[faces]

@@ -8,11 +8,11 @@ from functools import wraps
 
 import numpy as np
 
-from pandis.engine.faces import connected, crossings
+from pandis.engine.faces import connected, crossings, orientation
 
 #: Number of results that are remembered: stages of a repair often ask for the same one.
 _REMEMBERED = 3
-#: Larger meshes are not remembered. At this size, their edges and the rest take about 250 MB.
+#: Longer arrays are not remembered. At this size, all results take about 250 MB.
 _MOST_FACES = 300_000
 
 
@@ -30,7 +30,8 @@ def _remembered(function):
             if all(a.dtype == b.dtype and np.array_equal(a, b) for a, b in pairs):
                 return result
         result = function(*arrays)
-        if len(arrays[-1]) <= _MOST_FACES:
+        sizes = [len(a) for a in (*arrays, result) if isinstance(a, np.ndarray)]
+        if max(sizes) <= _MOST_FACES:
             results[:] = [([np.array(a) for a in arrays], result), *results[: _REMEMBERED - 1]]
         return result
 
@@ -140,36 +141,30 @@ def one_sided(faces):
 
     Such a piece, for example a Klein bottle, cannot be oriented consistently and has no inside.
     """
-    edges, (front, back) = edges_of(faces), _sides(faces)
-    bad = np.unique(front[np.flatnonzero(edges.uses[edges.edge_of] != 2) // 3])
-    return (front == back) & ~np.isin(front, bad)
+    edges = edges_of(faces)
+    patch, _, one_sided = _orientation(faces)
+    open_ = np.zeros(len(faces), bool)
+    open_[patch[np.flatnonzero(edges.uses[edges.edge_of] != 2) // 3]] = True
+    return one_sided & ~open_[patch]
 
 
 def oriented(faces):
     """Return faces (F, 3), turned so that neighbours agree with the first face of their patch.
 
-    A patch is connected by edges with two faces. Patches with only one side keep their faces.
+    A patch is connected by edges with two faces. If it has only one side, some do not agree.
     """
-    front, back = _sides(faces)
-    faces, turn = faces.copy(), front > back
-    faces[turn] = faces[turn][:, ::-1]
+    turned = _orientation(faces)[1]
+    faces = faces.copy()
+    faces[turned] = faces[turned][:, ::-1]
     return faces
 
 
-def _sides(faces):
-    """Return labels (F,) of the front and the back of each face, across edges with two faces.
-
-    Equal labels mean that a way along the surface leads from one to the other. The first face of
-    a patch has the least label in front.
-    """
-    edges, count = edges_of(faces), len(faces)
-    one, other = edges.pairs().T
-    agree = edges.runs_forward[one] != edges.runs_forward[other]
-    f, g = one // 3, other // 3
-    ways = [(f, np.where(agree, g, g + count)), (f + count, np.where(agree, g + count, g))]
-    start, end = (np.concatenate(side) for side in zip(*ways, strict=True))
-    label = connected(np.stack([start, end], axis=1), 2 * count)
-    return label[:count], label[count:]
+def _orientation(faces):
+    edges, (one, other) = edges_of(faces), edges_of(faces).pairs().T
+    neighbours, agrees = np.full(3 * len(faces), -1), np.zeros(3 * len(faces), bool)
+    neighbours[one], neighbours[other] = other // 3, one // 3
+    agrees[one] = agrees[other] = edges.runs_forward[one] != edges.runs_forward[other]
+    return orientation(neighbours.reshape(-1, 3), agrees.reshape(-1, 3))
 
 
 def patches(faces):
