@@ -11,7 +11,7 @@ def assert_valid(vertices, faces, points=20_000, crossings=True):
     Every edge has two faces that run along it in opposite directions; the faces
     around every vertex form one ring; no vertex is unused or at the place of
     another; no two faces meet elsewhere than in shared corners (CGAL's exact
-    test; the library asks libigl's); and the exact winding number at random
+    test; the library has its own); and the exact winding number at random
     points is 0 or 1, which makes outer surfaces face outward, cavities inward.
     """
     vertices, faces = np.asarray(vertices), np.asarray(faces, np.int64)

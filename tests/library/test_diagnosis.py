@@ -81,7 +81,7 @@ def test_soup_is_judged_as_the_surface_it_describes():
 
 
 def test_crossing_pairs_come_in_one_order():
-    # libigl's order is unspecified, and reports quote the first pairs
+    # reports quote the first pairs
     random = np.random.default_rng(0)
     corners = random.random((400, 1, 3)) + 0.2 * random.standard_normal((400, 3, 3))
     pairs = crossing_faces(corners.reshape(-1, 3), np.arange(1200).reshape(-1, 3)).tolist()
