@@ -160,7 +160,8 @@ def oriented(faces):
 
 
 def _orientation(faces):
-    edges, (one, other) = edges_of(faces), edges_of(faces).pairs().T
+    edges = edges_of(faces)
+    one, other = edges.pairs().T
     neighbours, agrees = np.full(3 * len(faces), -1), np.zeros(3 * len(faces), bool)
     neighbours[one], neighbours[other] = other // 3, one // 3
     agrees[one] = agrees[other] = edges.runs_forward[one] != edges.runs_forward[other]
@@ -169,8 +170,7 @@ def _orientation(faces):
 
 def patches(faces):
     """Return the patch of each face, joined by edges with two faces, and the number of patches."""
-    joined = connected(edges_of(faces).pairs() // 3, len(faces))
-    first, label = np.unique(joined, return_inverse=True)
+    first, label = np.unique(_orientation(faces)[0], return_inverse=True)
     return label, len(first)
 
 
@@ -267,18 +267,14 @@ def crossing_faces(vertices, faces, question=None):
     question : ndarray, shape (F,), bool, optional
         Only pairs with at least one of these faces are returned.
     """
+    sound = np.flatnonzero(~repeats_a_vertex(faces))
+    corners = np.sort(faces[sound], axis=1)  # turning a face changes nothing
     if question is None:
-        return _crossing_faces(vertices, np.sort(faces, axis=1))  # turning a face changes nothing
-    sound = np.flatnonzero(~repeats_a_vertex(faces))
-    return sound[crossings(vertices, faces[sound], question[sound])]
+        return sound[_all_crossings(vertices, corners)]
+    return sound[crossings(vertices, corners, question[sound])]
 
 
-@_remembered
-def _crossing_faces(vertices, faces):
-    sound = np.flatnonzero(~repeats_a_vertex(faces))
-    pairs = sound[crossings(vertices, faces[sound])]
-    pairs.flags.writeable = False
-    return pairs
+_all_crossings = _remembered(crossings)
 
 
 def rotate_to_smallest(faces):

@@ -34,7 +34,7 @@ _OFF = 0.05
 _MEAN = 0.5
 #: Attempts at a surface without crossing faces, and the width of the surroundings that are locked.
 _ATTEMPTS, _NEAR = 12, 2.0
-#: Twice the area from which a face's vertices stay at their targets, square cells.
+#: Twice the area from which a face's vertices stay at their targets, square cells: see areas.h.
 _LEAST_AREA = 1e-6
 #: Volume of the smallest component, cubic cells: rounding could turn a flatter one inside out.
 _LEAST_VOLUME = 1e-6
