@@ -2,6 +2,7 @@
 
 import re
 import threading
+import time
 
 import numpy as np
 import pytest
@@ -80,6 +81,7 @@ def test_what_the_hand_gets_the_object_gets_the_other_way(box):
     bridge.step()  # what was given since the last step
     bridge.step()
     momentum = MASS * data.qvel[:3]
+    assert not bridge.dropped.any()
     given = -1e-3 * session.force.sum(axis=0)
     assert momentum == pytest.approx(given, abs=1e-9)
     assert momentum[2] < -0.1
@@ -225,13 +227,16 @@ def test_what_is_pushed_while_the_simulation_waits_is_no_blow(box):
     assert session.force[-1, 2] > 0.5
     blow = MASS * (before - data.qvel[2])
     assert 0 < blow < 2.5 * 6 * model.opt.timestep
+    assert bridge.dropped[2] < -2
+    received = -1e-3 * session.force.sum(axis=0) - bridge.dropped
+    assert MASS * data.qvel[:3] == pytest.approx(received, abs=1e-9)
 
 
 def test_two_threads_at_their_own_rates(box):
-    """By the clock: the loop never waits for the simulation, and nothing of the push is lost."""
+    """By the clock: the loop never waits for the simulation, and the object gets the whole push."""
     bridge, _, data = bridge_of(box, step=0.004)
     limits = TOUCH.limits(1e-3, 400.0)
-    limits.damping = 10.0  # the simulation hurries ahead of the clock, and what moves gives energy
+    limits.most_damping = 0.0  # the guard's damping is a force on the hand alone
     order = bridge.order(TICKS, limits, armed=True, deadline=0.5, gap=5.0, patience=10.0)
     ended = []
     rest = np.tile([0, 0, 0.034], (TICKS, 1))
@@ -244,16 +249,19 @@ def test_two_threads_at_their_own_rates(box):
         )
     )
     thread.start()
-    steps = 0
+    begin, steps = time.perf_counter(), 0
     while thread.is_alive():
-        bridge.step()
-        steps += 1
+        if time.perf_counter() - begin >= 0.004 * steps:
+            bridge.step()
+            steps += 1
     bridge.step()
     bridge.step()
     session = ended[0]
-    assert session.cause == DONE
+    assert session.force[:, 2].max() > 0.5
     assert steps > 10
-    assert MASS * data.qvel[:3] == pytest.approx(-1e-3 * session.force.sum(axis=0), abs=1e-9)
+    # a busy machine may stop the simulation for more than four of its steps
+    received = -1e-3 * session.force.sum(axis=0) - bridge.dropped
+    assert MASS * data.qvel[:3] == pytest.approx(received, abs=1e-9)
     assert data.qvel[2] < 0
 
 

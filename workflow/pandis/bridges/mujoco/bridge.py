@@ -17,7 +17,7 @@ from pandis.runtime.contact import TouchedScene
 from pandis.runtime.contact.surfaces import Material
 from pandis.runtime.device import Limits, Order
 from pandis.runtime.device import library as devices
-from pandis.runtime.field import ArrayLike, NativeField, Number
+from pandis.runtime.field import ArrayLike, Floats, NativeField, Number
 from pandis.runtime.scene import Placed
 from pandis.runtime.scene.poses import Poses
 
@@ -112,6 +112,13 @@ class Bridge:
         """Address of the C bridge, for the haptic loop."""
         return ctypes.addressof(self._bridge)
 
+    @property
+    def dropped(self) -> Floats:
+        """Impulse (N s) on the objects that was dropped because the simulation was late."""
+        impulse = np.empty(3)
+        self._library.bridge_dropped(self._bridge, impulse.ctypes.data)
+        return impulse
+
     def order(self, ticks: int, limits: Limits, **options: Any) -> Order:
         """Restart all contacts, and return an order for one run of `pandis.runtime.device`.
 
@@ -151,7 +158,7 @@ class Bridge:
 
         The forces are averages over the time since the last step. They are added to
         ``data.xfrc_applied`` only during the step. The hand's forces are dropped while the
-        simulation is more than four steps late.
+        simulation is more than four steps late; `dropped` sums them.
         """
         others = self.data.xfrc_applied.copy()
         self._now = self._reactions()

@@ -239,7 +239,7 @@ def library():
     lib.bridge_bytes.restype = lib.bridge_room.restype = size
     lib.bridge_room.argtypes = [size]
     lib.bridge_open.argtypes = [pointer, pointer, size, pointer]
-    lib.bridge_take.argtypes = [pointer, pointer]
+    lib.bridge_take.argtypes = lib.bridge_dropped.argtypes = [pointer, pointer]
     lib.bridge_next.restype, lib.bridge_next.argtypes = pointer, [pointer]
     return lib
 

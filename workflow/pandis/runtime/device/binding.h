@@ -114,6 +114,11 @@ void bridge_open(bridge *b, pandis_poses *poses, size_t count, double *room) {
 
 void bridge_take(bridge *b, double *sums) { bridge_read(b, sums); }
 
+/* The impulse that was dropped because the simulation was late, N s. */
+void bridge_dropped(const bridge *b, double *impulse) {
+    memcpy(impulse, b->dropped, sizeof b->dropped);
+}
+
 /* Where to write the data of the frame of poses that is handed over next: a `bridge_frame` for each
  * object. */
 double *bridge_next(const bridge *b) {

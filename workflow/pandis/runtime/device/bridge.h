@@ -40,6 +40,7 @@ typedef struct {
     double *gone;          /* per object: motion by the hand since the frame (m, rad) */
     size_t touched;        /* number of objects touched at the last tick */
     double late;           /* how long the objects have waited for the simulation, s */
+    double dropped[3];     /* impulse of the hand that no object received, N s */
     double carried[3];     /* motion of the touched objects in a tick, along the force, m */
     int32_t writing, reading;
     volatile int32_t waiting; /* the slot handed over, with PANDIS__NEW until it is taken */
@@ -142,13 +143,18 @@ static void bridge_move(bridge *b, pandis_scene *scene, double dt) {
 }
 
 /* Give each touched object the opposite of the force that it exerts on the hand, scaled by the
- * share of that force that the guard lets through. */
+ * share of that force that the guard lets through. If the simulation is late, this is dropped. */
 static void bridge_give(bridge *b, size_t touched, double share, double dt) {
     b->touched = touched < b->count ? touched : b->count;
-    for (size_t i = 0; i < b->touched && b->late <= BRIDGE_WAITS * b->poses->period; i++) {
+    int late = b->late > BRIDGE_WAITS * b->poses->period;
+    for (size_t i = 0; i < b->touched; i++) {
         const pandis_touch *t = b->touches + i;
         double *sums = b->sums + BRIDGE_SUMS * (size_t)t->object, force[3], moment[3];
         for (int k = 0; k < 3; k++) force[k] = -share * dt * t->force[k];
+        if (late) {
+            for (int k = 0; k < 3; k++) b->dropped[k] += force[k];
+            continue;
+        }
         pandis__cross(t->proxy, force, moment); /* the force acts at the proxy, not at the hand */
         for (int k = 0; k < 3; k++) sums[k] += force[k], sums[3 + k] += moment[k];
     }
