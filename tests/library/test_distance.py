@@ -402,10 +402,26 @@ def test_needles_are_exact(aspect):
     )
     found = np.abs(MeshDistance(vertices, faces).distance_and_normal(points, check=False)[0])
     wanted = [min(to_sixty_digits(p, vertices[f]) for f in faces) for p in points]
-    off = np.abs(found - wanted)
-    assert off[:20].max() <= 3e-14
-    # as near as the needle is thick, its edges may be taken for its faces
-    assert off[20:].max() <= 2e-8
+    assert np.abs(found - wanted).max() <= 4e-16
+
+
+@pytest.mark.parametrize("height", [1e-2, 1e-4, 1e-6, 1e-8, 1e-10, 1e-13])
+@pytest.mark.parametrize("top", [0, 0.4, 1])
+def test_thin_triangles_are_exact_next_to_themselves(top, height):
+    """On the triangle, within its height, and as far away: turned, and from each of its corners."""
+    rng = np.random.default_rng(4)
+    for first in range(3):
+        turn = np.linalg.qr(rng.normal(size=(3, 3)))[0]
+        corners = (np.array([[0, 0, 0], [1, 0, 0], [top, height, 0]]) - rng.random(3)) @ turn.T
+        corners = np.roll(corners, first, axis=0)
+        inside = rng.dirichlet([1, 1, 1], 20) @ corners
+        far = rng.normal(size=(20, 3)) * 10 ** rng.uniform(-12, 0, (20, 1))
+        points = [inside, inside + height * rng.normal(size=(20, 3)), inside + far]
+        points = np.concatenate(points)
+        exact = [to_sixty_digits(point, corners) for point in points]
+        engine = MeshDistance(corners, np.array([[0, 1, 2]]))
+        found = np.abs(engine.distance_and_normal(points, check=False)[0])
+        assert np.abs(found - exact).max() <= 1e-15
 
 
 def soup(kind, count, rng):

@@ -1,56 +1,50 @@
 /* Brute force, as in a program without a tree: all triangles for every point. A part of bvh.c. */
 
-#define LANES 4
+#define LANES PANDIS__FOUR
 
 typedef struct {
-    double a[3][LANES], ab[3][LANES], ac[3][LANES];
-    double per_ab[LANES], per_ac[LANES], per_bc[LANES];     /* 1 / squared length */
-    double gram_ab[LANES], gram_mix[LANES], gram_ac[LANES]; /* Gram matrix / determinant */
+    double a[3][LANES], u[3][LANES], v[3][LANES], w[3][LANES], n[3][LANES];
+    double per_uu[LANES], per_vv[LANES], per_ww[LANES], per_nn[LANES]; /* 1 / squared length */
 } Lanes;
 
 static void set_lane(Lanes *lanes, int lane, const double *p, const double *q, const double *s) {
-    double ab[3], ac[3], bc[3], n[3];
-    for (int k = 0; k < 3; k++) {
-        ab[k] = q[k] - p[k], ac[k] = s[k] - p[k], bc[k] = s[k] - q[k];
-        lanes->a[k][lane] = p[k], lanes->ab[k][lane] = ab[k], lanes->ac[k][lane] = ac[k];
-    }
-    double aa = dot(ab, ab), cc = dot(ac, ac), bb = dot(bc, bc), mix = dot(ab, ac);
-    cross(ab, ac, n);
-    double det = dot(n, n);
-    lanes->per_ab[lane] = aa > 0 ? 1 / aa : 0;
-    lanes->per_ac[lane] = cc > 0 ? 1 / cc : 0;
-    lanes->per_bc[lane] = bb > 0 ? 1 / bb : 0;
-    /* no point projects into a triangle without area: NaN fails every comparison */
-    lanes->gram_ab[lane] = det > 0 ? aa / det : NAN;
-    lanes->gram_mix[lane] = det > 0 ? mix / det : NAN;
-    lanes->gram_ac[lane] = det > 0 ? cc / det : NAN;
+    for (int k = 0; k < 3; k++)
+        lanes->a[k][lane] = p[k], lanes->u[k][lane] = q[k] - p[k], lanes->v[k][lane] = s[k] - p[k],
+        lanes->w[k][lane] = s[k] - q[k];
 }
 
-/* Squared distances to four triangles, equal to pandis__face_squared to the last bit. */
+static void set_reciprocals(double (*way)[LANES], double *per) {
+    for (int i = 0; i < LANES; i++)
+        per[i] = 1 / (way[0][i] * way[0][i] + way[1][i] * way[1][i] + way[2][i] * way[2][i]);
+}
+
+/* Squared distances to four triangles, equal to pandis__four_squared to the last bit. */
 static void lane_distances(
     const Lanes *restrict f, const double *restrict p, double *restrict out) {
     for (int i = 0; i < LANES; i++) {
         double x = p[0] - f->a[0][i], y = p[1] - f->a[1][i], z = p[2] - f->a[2][i];
-        double ux = f->ab[0][i], uy = f->ab[1][i], uz = f->ab[2][i];
-        double vx = f->ac[0][i], vy = f->ac[1][i], vz = f->ac[2][i];
-        double wx = vx - ux, wy = vy - uy, wz = vz - uz;
-        double du = ux * x + uy * y + uz * z, dv = vx * x + vy * y + vz * z;
-        double s = pandis__clamp01(du * f->per_ab[i]), t = pandis__clamp01(dv * f->per_ac[i]);
+        double ux = f->u[0][i], uy = f->u[1][i], uz = f->u[2][i];
+        double vx = f->v[0][i], vy = f->v[1][i], vz = f->v[2][i];
+        double wx = f->w[0][i], wy = f->w[1][i], wz = f->w[2][i];
+        double nx = f->n[0][i], ny = f->n[1][i], nz = f->n[2][i];
+        double bx = x - ux, by = y - uy, bz = z - uz;
+        double s = pandis__clamp01((ux * x + uy * y + uz * z) * f->per_uu[i]);
         double rx = x - s * ux, ry = y - s * uy, rz = z - s * uz;
         double best = rx * rx + ry * ry + rz * rz;
-        rx = x - t * vx, ry = y - t * vy, rz = z - t * vz;
+        s = pandis__clamp01((vx * x + vy * y + vz * z) * f->per_vv[i]);
+        rx = x - s * vx, ry = y - s * vy, rz = z - s * vz;
         double d = rx * rx + ry * ry + rz * rz;
         best = d < best ? d : best;
-        double bx = x - ux, by = y - uy, bz = z - uz;
-        double r = pandis__clamp01((wx * bx + wy * by + wz * bz) * f->per_bc[i]);
-        rx = bx - r * wx, ry = by - r * wy, rz = bz - r * wz;
+        s = pandis__clamp01((wx * bx + wy * by + wz * bz) * f->per_ww[i]);
+        rx = bx - s * wx, ry = by - s * wy, rz = bz - s * wz;
         d = rx * rx + ry * ry + rz * rz;
         best = d < best ? d : best;
-        s = f->gram_ac[i] * du - f->gram_mix[i] * dv;
-        t = f->gram_ab[i] * dv - f->gram_mix[i] * du;
-        rx = x - s * ux - t * vx, ry = y - s * uy - t * vy, rz = z - s * uz - t * vz;
-        d = rx * rx + ry * ry + rz * rz;
-        int inside = (s >= 0) & (t >= 0) & (s + t <= 1);
+        double cx = y * nz - z * ny, cy = z * nx - x * nz, cz = x * ny - y * nx;
+        double qx = by * nz - bz * ny, qy = bz * nx - bx * nz, qz = bx * ny - by * nx;
+        double height = nx * x + ny * y + nz * z;
+        d = height * height * f->per_nn[i];
+        int inside = (ux * cx + uy * cy + uz * cz >= 0) & (vx * cx + vy * cy + vz * cz <= 0) &
+            (wx * qx + wy * qy + wz * qz >= 0);
         out[i] = inside && d < best ? d : best;
     }
 }
@@ -65,6 +59,13 @@ int bvh_scan(const Bvh *t, const double *points, int64_t count, double *distance
         int32_t face = i < t->face_count ? (int32_t)i : t->face_count - 1;
         set_lane(lanes + i / LANES, (int)(i % LANES), corner(t, face, 0), corner(t, face, 1),
             corner(t, face, 2));
+    }
+    for (int32_t row = 0; row < rows; row++) {
+        Lanes *f = lanes + row;
+        pandis__four_normals(f->u, f->v, f->n);
+        set_reciprocals(f->u, f->per_uu), set_reciprocals(f->v, f->per_vv),
+            set_reciprocals(f->w, f->per_ww);
+        set_reciprocals(f->n, f->per_nn);
     }
     for (int64_t i = 0; i < count; i++) {
         const double *p = points + 3 * i;

@@ -22,17 +22,13 @@ def inner_foot(a: wp.vec3d, b: wp.vec3d, c: wp.vec3d, p: wp.vec3d) -> Foot:
     foot = Foot()
     u, v, x = b - a, c - a, p - a
     n = wp.cross(u, v)
+    n -= wp.dot(n, u) / wp.dot(u, u) * u
     det = wp.dot(n, n)
     if not (det > ZERO):
         return foot
-    uu, uv, vv = wp.dot(u, u), wp.dot(u, v), wp.dot(v, v)
-    s, r, rest = wp.float64(0.0), wp.float64(0.0), x
-    for _ in range(2):  # the second round refines the result on needle-like faces
-        du, dv = wp.dot(u, rest), wp.dot(v, rest)
-        s += (vv * du - uv * dv) / det
-        r += (uu * dv - uv * du) / det
-        rest = x - s * u - r * v
-    if s > ZERO and r > ZERO and s + r < ONE:
+    across = wp.cross(x, n)
+    beside = wp.dot(c - b, wp.cross(p - b, n))
+    if wp.dot(v, across) < ZERO and wp.dot(u, across) > ZERO and beside > ZERO:
         foot.offset = wp.dot(n, x) / det * n
         foot.corner = -1
         foot.edge = -1

@@ -74,30 +74,32 @@ static double pandis__rim_foot(const double *const *c, const double *p, pandis__
 }
 
 /* Find the closest point inside the triangle; returns whether there is one no farther than `best`
- * (squared). */
+ * (squared). The weight of a corner is the distance from the opposite side, which is as accurate on
+ * needles as elsewhere. The normal is made orthogonal to a side, because an error along it would
+ * change heights most. */
 static int pandis__inner_foot(
     const double *const *c, const double *p, double best, pandis__foot *foot) {
-    double u[3], v[3], x[3], n[3];
-    for (int k = 0; k < 3; k++)
-        u[k] = c[1][k] - c[0][k], v[k] = c[2][k] - c[0][k], x[k] = p[k] - c[0][k];
+    double u[3], v[3], w[3], x[3], y[3], n[3], across[3], offset[3];
+    for (int k = 0; k < 3; k++) {
+        u[k] = c[1][k] - c[0][k], v[k] = c[2][k] - c[0][k], w[k] = c[2][k] - c[1][k];
+        x[k] = p[k] - c[0][k], y[k] = p[k] - c[1][k];
+    }
     pandis__cross(u, v, n);
+    double along = pandis__dot(n, u) / pandis__dot(u, u);
+    for (int k = 0; k < 3; k++) n[k] -= along * u[k];
     double det = pandis__dot(n, n);
     if (!(det > 0)) return 0;
-    double uu = pandis__dot(u, u), uv = pandis__dot(u, v), vv = pandis__dot(v, v), s = 0, r = 0,
-           rest[3];
-    memcpy(rest, x, sizeof rest);
-    for (int round = 0; round < 2; round++) { /* the second round refines the result on needles */
-        double du = pandis__dot(u, rest), dv = pandis__dot(v, rest);
-        s += (vv * du - uv * dv) / det, r += (uu * dv - uv * du) / det;
-        for (int k = 0; k < 3; k++) rest[k] = x[k] - s * u[k] - r * v[k];
-    }
-    if (!(s > 0 && r > 0 && s + r < 1)) return 0;
-    /* the offset is taken along the normal, which is exact */
-    double height = pandis__dot(n, x) / det, offset[3];
+    pandis__cross(x, n, across);
+    double s = -pandis__dot(v, across), r = pandis__dot(u, across);
+    if (!(s > 0 && r > 0)) return 0;
+    pandis__cross(y, n, across);
+    double q = pandis__dot(w, across), height = pandis__dot(n, x) / det;
+    if (!(q > 0)) return 0;
     for (int k = 0; k < 3; k++) offset[k] = height * n[k];
     if (!(pandis__dot(offset, offset) <= best)) return 0;
     memcpy(foot->offset, offset, sizeof offset);
-    foot->weights[0] = 1 - s - r, foot->weights[1] = s, foot->weights[2] = r;
+    foot->weights[0] = q / (q + s + r), foot->weights[1] = s / (q + s + r);
+    foot->weights[2] = r / (q + s + r);
     foot->corner = foot->edge = -1;
     return 1;
 }

@@ -50,46 +50,60 @@ static int32_t pandis__limit_key(double limit) {
 
 #define PANDIS__FOUR 4
 
+/* Compute the normals of four triangles from two sides. An error along the first side, over which
+ * it would change heights most, is removed: what remains is no greater than the rounding of points.
+ */
+PANDIS__INLINE void pandis__four_normals(
+    double (*u)[PANDIS__FOUR], double (*v)[PANDIS__FOUR], double (*n)[PANDIS__FOUR]) {
+    for (int i = 0; i < PANDIS__FOUR; i++) {
+        double ux = u[0][i], uy = u[1][i], uz = u[2][i], vx = v[0][i], vy = v[1][i], vz = v[2][i];
+        double nx = uy * vz - uz * vy, ny = uz * vx - ux * vz, nz = ux * vy - uy * vx;
+        double along = (nx * ux + ny * uy + nz * uz) * (1 / (ux * ux + uy * uy + uz * uz));
+        n[0][i] = nx - along * ux, n[1][i] = ny - along * uy, n[2][i] = nz - along * uz;
+    }
+}
+
 /* Compute the squared distances to four faces in double precision. Among faces that are about
  * equally near, the smallest of these numbers decides. */
 PANDIS__INLINE void pandis__four_squared(const pandis__mesh *t, const int32_t *faces,
     const double *PANDIS__RESTRICT p, double *PANDIS__RESTRICT out) {
-    double a[3][PANDIS__FOUR], b[3][PANDIS__FOUR], c[3][PANDIS__FOUR];
-    for (int i = 0; i < PANDIS__FOUR; i++)
-        for (int k = 0; k < 3; k++) {
-            a[k][i] = pandis__corner(t, faces[i], 0)[k];
-            b[k][i] = pandis__corner(t, faces[i], 1)[k];
-            c[k][i] = pandis__corner(t, faces[i], 2)[k];
-        }
+    double a[3][PANDIS__FOUR], u[3][PANDIS__FOUR], v[3][PANDIS__FOUR], w[3][PANDIS__FOUR],
+        n[3][PANDIS__FOUR];
+    for (int i = 0; i < PANDIS__FOUR; i++) {
+        const double *first = pandis__corner(t, faces[i], 0),
+                     *second = pandis__corner(t, faces[i], 1),
+                     *third = pandis__corner(t, faces[i], 2);
+        for (int k = 0; k < 3; k++)
+            a[k][i] = first[k], u[k][i] = second[k] - first[k], v[k][i] = third[k] - first[k],
+            w[k][i] = third[k] - second[k];
+    }
+    pandis__four_normals(u, v, n);
     for (int i = 0; i < PANDIS__FOUR; i++) {
         double x = p[0] - a[0][i], y = p[1] - a[1][i], z = p[2] - a[2][i];
-        double ux = b[0][i] - a[0][i], uy = b[1][i] - a[1][i], uz = b[2][i] - a[2][i];
-        double vx = c[0][i] - a[0][i], vy = c[1][i] - a[1][i], vz = c[2][i] - a[2][i];
-        double sx = c[0][i] - b[0][i], sy = c[1][i] - b[1][i], sz = c[2][i] - b[2][i];
-        double uu = ux * ux + uy * uy + uz * uz, vv = vx * vx + vy * vy + vz * vz,
-               ss = sx * sx + sy * sy + sz * sz;
-        double uv = ux * vx + uy * vy + uz * vz, du = ux * x + uy * y + uz * z,
-               dv = vx * x + vy * y + vz * z;
-        double wx = vx - ux, wy = vy - uy, wz = vz - uz, bx = x - ux, by = y - uy, bz = z - uz;
-        double nx = uy * vz - uz * vy, ny = uz * vx - ux * vz, nz = ux * vy - uy * vx;
-        double det = nx * nx + ny * ny + nz * nz;
+        double ux = u[0][i], uy = u[1][i], uz = u[2][i], vx = v[0][i], vy = v[1][i], vz = v[2][i],
+               wx = w[0][i], wy = w[1][i], wz = w[2][i], nx = n[0][i], ny = n[1][i], nz = n[2][i];
+        double bx = x - ux, by = y - uy, bz = z - uz;
         /* an edge without length gives 0 / 0 = NaN, which counts as 0; for a face without area,
          * the foot counts as outside */
-        double s = pandis__clamp01(du * (1 / uu)), r = pandis__clamp01(dv * (1 / vv));
+        double s =
+            pandis__clamp01((ux * x + uy * y + uz * z) * (1 / (ux * ux + uy * uy + uz * uz)));
         double rx = x - s * ux, ry = y - s * uy, rz = z - s * uz;
         double best = rx * rx + ry * ry + rz * rz;
-        rx = x - r * vx, ry = y - r * vy, rz = z - r * vz;
+        s = pandis__clamp01((vx * x + vy * y + vz * z) * (1 / (vx * vx + vy * vy + vz * vz)));
+        rx = x - s * vx, ry = y - s * vy, rz = z - s * vz;
         double d = rx * rx + ry * ry + rz * rz;
         best = d < best ? d : best;
-        r = pandis__clamp01((wx * bx + wy * by + wz * bz) * (1 / ss));
-        rx = bx - r * wx, ry = by - r * wy, rz = bz - r * wz;
+        s = pandis__clamp01((wx * bx + wy * by + wz * bz) * (1 / (wx * wx + wy * wy + wz * wz)));
+        rx = bx - s * wx, ry = by - s * wy, rz = bz - s * wz;
         d = rx * rx + ry * ry + rz * rz;
         best = d < best ? d : best;
-        s = vv / det * du - uv / det * dv;
-        r = uu / det * dv - uv / det * du;
-        rx = x - s * ux - r * vx, ry = y - s * uy - r * vy, rz = z - s * uz - r * vz;
-        d = rx * rx + ry * ry + rz * rz;
-        int inside = (det > 0) & (s >= 0) & (r >= 0) & (s + r <= 1);
+        /* distances from the sides, times length and area: see pandis__inner_foot */
+        double cx = y * nz - z * ny, cy = z * nx - x * nz, cz = x * ny - y * nx;
+        double qx = by * nz - bz * ny, qy = bz * nx - bx * nz, qz = bx * ny - by * nx;
+        double height = nx * x + ny * y + nz * z;
+        d = height * height * (1 / (nx * nx + ny * ny + nz * nz));
+        int inside = (ux * cx + uy * cy + uz * cz >= 0) & (vx * cx + vy * cy + vz * cz <= 0) &
+            (wx * qx + wy * qy + wz * qz >= 0);
         out[i] = inside && d < best ? d : best;
     }
 }
