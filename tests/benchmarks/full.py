@@ -34,6 +34,9 @@ from pandis.pipeline.run.ask.targets import DeviceOptions
 from pandis.pipeline.run.job.artifact import Artifact
 from pandis.pipeline.run.job.stage import silent_progress
 
+#: The last is the scan of 871,414 faces, as large as the paper's: `training.py prepare MESHES
+#: dragon-full=stanford/dragon_vrip_437645v_871414f.ply.gz`.
+MESHES = (*SCANS, "dragon-full")
 SEEDS = range(2, 10)
 POINTS = 50_000
 GRIDS = (
@@ -108,7 +111,7 @@ def by_mesh(weights):
     """Return the paths of weights by the mesh that they are named after."""
     found = {}
     for path in sorted(map(Path, weights)):
-        found.setdefault(path.name.split("-")[0], []).append(path)
+        found.setdefault(path.name.partition("-pandis")[0], []).append(path)
     return found
 
 
@@ -131,7 +134,7 @@ def renew(name, columns, keys, rows, order):
 def _order(row):
     """Return where a row belongs: by mesh, grids first, then as networks were trained."""
     fields = [*GRIDS, "pandis", "pandis-exact"]
-    place = list(SCANS).index(row["mesh"]), fields.index(row["field"])
+    place = MESHES.index(row["mesh"]), fields.index(row["field"])
     return *place, row["points"], row["weighting"] == "batch", str(row["seed"])
 
 

@@ -424,6 +424,25 @@ def test_thin_triangles_are_exact_next_to_themselves(top, height):
         assert np.abs(found - exact).max() <= 1e-15
 
 
+def test_among_thin_triangles_the_nearest_is_chosen():
+    """Of twenty beside each other, 1e-7 apart, at points on them and within 1e-13 to 1e-2."""
+    rng = np.random.default_rng(11)
+    turn = np.linalg.qr(rng.normal(size=(3, 3)))[0]
+    corners = []
+    for height in 10 ** rng.uniform(-8, -4, 20):
+        thin = np.array([[0, 0, 0], [1, 0, 0], [rng.choice([0, 1, rng.random()]), height, 0]])
+        thin = (thin + 1e-7 * rng.normal(size=3) - 0.3) @ turn.T
+        corners.append(np.roll(thin, rng.integers(3), axis=0))
+    weights, chosen = rng.dirichlet([1, 1, 1], 30), rng.integers(20, size=30)
+    on = np.einsum("ij,ijk->ik", weights, np.array(corners)[chosen])
+    near = on + rng.normal(size=on.shape) * 10 ** rng.uniform(-13, -2, (30, 1))
+    points = np.concatenate([on, near])
+    engine = MeshDistance(np.concatenate(corners), np.arange(60).reshape(-1, 3))
+    found = np.abs(engine.distance_and_normal(points, check=False)[0])
+    exact = [min(to_sixty_digits(point, one) for one in corners) for point in points]
+    assert np.abs(found - exact).max() <= 4e-16
+
+
 def soup(kind, count, rng):
     """Return triangles without any order, of a kind that single precision finds hard."""
 
