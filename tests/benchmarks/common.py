@@ -46,11 +46,15 @@ def notes(command, gpu=None):
     )
 
 
-def write(name, columns, rows):
-    """Write docs/figures/{name}.csv with the command, the machine and the commit."""
+def write(name, columns, rows, earlier=()):
+    """Write docs/figures/{name}.csv with the command, the machine and the commit.
+
+    ``earlier`` are lines on rows that were measured at another commit.
+    """
     target = ROOT / "docs" / "figures" / f"{name}.csv"
     with target.open("w", encoding="utf-8", newline="") as stream:
         stream.write(notes(f"{name}.py"))
+        stream.writelines(f"# {line}\n" for line in earlier)
         writer = csv.DictWriter(stream, columns, lineterminator="\n", restval="")
         writer.writeheader()
         for row in rows:

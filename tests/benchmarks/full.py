@@ -118,17 +118,22 @@ def by_mesh(weights):
 def renew(name, columns, keys, rows, order):
     """Write docs/figures/{name}.csv with rows, and those that were there of something else.
 
+    The notes name the commit and the machine of each sitting.
     ``order`` says of a row where it belongs.
     """
     path = ROOT / "docs" / "figures" / f"{name}.csv"
-    known = {}
+    known, earlier = {}, []
     if path.exists():
-        with path.open(encoding="utf-8", newline="") as stream:
-            for row in csv.DictReader(line for line in stream if not line.startswith("#")):
-                known[tuple(row[key] for key in keys)] = row
+        lines = path.read_text("utf-8").splitlines()
+        notes = [line.removeprefix("# ") for line in lines if line.startswith("#")]
+        at = dict(note.split(": ", 1) for note in notes)
+        earlier = [note for note in notes if note.startswith("rows of ")]
+        earlier.append(f"rows of {at['commit']}: {at['machine']}")
+        for row in csv.DictReader(lines[len(notes) :]):
+            known[tuple(row[key] for key in keys)] = row
     for row in rows:
         known[tuple(str(row[key]) for key in keys)] = row
-    write(name, columns, sorted(known.values(), key=order))
+    write(name, columns, sorted(known.values(), key=order), earlier)
 
 
 def _order(row):
