@@ -111,50 +111,61 @@ static void pandis__find_foot(const double *const *c, const double *p, pandis__f
 
 #define PANDIS__FOUR 4
 
-/* Compute the normals of four triangles from two sides. An error along the first side, over which
- * it would change heights most, is removed: what remains is no greater than the rounding of points.
- */
-PANDIS__INLINE void pandis__four_normals(
-    double (*u)[PANDIS__FOUR], double (*v)[PANDIS__FOUR], double (*n)[PANDIS__FOUR]) {
+/* Four triangles: a corner, the sides a to b, a to c and b to c, the normal, and 1 / the squared
+ * lengths of these. */
+typedef struct {
+    double a[3][PANDIS__FOUR], u[3][PANDIS__FOUR], v[3][PANDIS__FOUR], w[3][PANDIS__FOUR],
+        n[3][PANDIS__FOUR], per_u[PANDIS__FOUR], per_v[PANDIS__FOUR], per_w[PANDIS__FOUR],
+        per_n[PANDIS__FOUR];
+} pandis__triangles;
+
+/* Set the corner and the sides of one of four triangles. */
+PANDIS__INLINE void pandis__set_triangle(
+    pandis__triangles *f, int i, const double *a, const double *b, const double *c) {
+    for (int k = 0; k < 3; k++)
+        f->a[k][i] = a[k], f->u[k][i] = b[k] - a[k], f->v[k][i] = c[k] - a[k],
+        f->w[k][i] = c[k] - b[k];
+}
+
+/* Compute the rest. An error of a normal along the first side, over which it would change heights
+ * most, is removed: what remains is no greater than the rounding of points. A side without length
+ * has the reciprocal infinity. */
+PANDIS__INLINE void pandis__complete_triangles(pandis__triangles *f) {
     for (int i = 0; i < PANDIS__FOUR; i++) {
-        double ux = u[0][i], uy = u[1][i], uz = u[2][i], vx = v[0][i], vy = v[1][i], vz = v[2][i];
+        double ux = f->u[0][i], uy = f->u[1][i], uz = f->u[2][i];
+        double vx = f->v[0][i], vy = f->v[1][i], vz = f->v[2][i];
+        double wx = f->w[0][i], wy = f->w[1][i], wz = f->w[2][i];
         double nx = uy * vz - uz * vy, ny = uz * vx - ux * vz, nz = ux * vy - uy * vx;
-        double along = (nx * ux + ny * uy + nz * uz) * (1 / (ux * ux + uy * uy + uz * uz));
-        n[0][i] = nx - along * ux, n[1][i] = ny - along * uy, n[2][i] = nz - along * uz;
+        double per_u = 1 / (ux * ux + uy * uy + uz * uz);
+        double along = (nx * ux + ny * uy + nz * uz) * per_u;
+        nx -= along * ux, ny -= along * uy, nz -= along * uz;
+        f->n[0][i] = nx, f->n[1][i] = ny, f->n[2][i] = nz;
+        f->per_u[i] = per_u, f->per_v[i] = 1 / (vx * vx + vy * vy + vz * vz);
+        f->per_w[i] = 1 / (wx * wx + wy * wy + wz * wz);
+        f->per_n[i] = 1 / (nx * nx + ny * ny + nz * nz);
     }
 }
 
-/* Compute the squared distances to four faces in double precision. Among faces that are about
- * equally near, the smallest of these numbers decides. */
-PANDIS__INLINE void pandis__four_squared(const pandis__mesh *t, const int32_t *faces,
+/* Compute the squared distances to four triangles. */
+PANDIS__INLINE void pandis__four_distances(const pandis__triangles *PANDIS__RESTRICT f,
     const double *PANDIS__RESTRICT p, double *PANDIS__RESTRICT out) {
-    double a[3][PANDIS__FOUR], u[3][PANDIS__FOUR], v[3][PANDIS__FOUR], w[3][PANDIS__FOUR],
-        n[3][PANDIS__FOUR];
     for (int i = 0; i < PANDIS__FOUR; i++) {
-        const double *first = pandis__corner(t, faces[i], 0),
-                     *second = pandis__corner(t, faces[i], 1),
-                     *third = pandis__corner(t, faces[i], 2);
-        for (int k = 0; k < 3; k++)
-            a[k][i] = first[k], u[k][i] = second[k] - first[k], v[k][i] = third[k] - first[k],
-            w[k][i] = third[k] - second[k];
-    }
-    pandis__four_normals(u, v, n);
-    for (int i = 0; i < PANDIS__FOUR; i++) {
-        double x = p[0] - a[0][i], y = p[1] - a[1][i], z = p[2] - a[2][i];
-        double ux = u[0][i], uy = u[1][i], uz = u[2][i], vx = v[0][i], vy = v[1][i], vz = v[2][i],
-               wx = w[0][i], wy = w[1][i], wz = w[2][i], nx = n[0][i], ny = n[1][i], nz = n[2][i];
+        double x = p[0] - f->a[0][i], y = p[1] - f->a[1][i], z = p[2] - f->a[2][i];
+        double ux = f->u[0][i], uy = f->u[1][i], uz = f->u[2][i];
+        double vx = f->v[0][i], vy = f->v[1][i], vz = f->v[2][i];
+        double wx = f->w[0][i], wy = f->w[1][i], wz = f->w[2][i];
+        double nx = f->n[0][i], ny = f->n[1][i], nz = f->n[2][i];
         double bx = x - ux, by = y - uy, bz = z - uz;
-        /* an edge without length gives 0 / 0 = NaN, which counts as 0; for a face without area,
+        /* on a side without length 0 * infinity = NaN, which counts as 0; for a face without area,
          * the foot counts as outside */
-        double s =
-            pandis__clamp01((ux * x + uy * y + uz * z) * (1 / (ux * ux + uy * uy + uz * uz)));
+        double s = pandis__clamp01((ux * x + uy * y + uz * z) * f->per_u[i]);
         double rx = x - s * ux, ry = y - s * uy, rz = z - s * uz;
         double best = rx * rx + ry * ry + rz * rz;
-        s = pandis__clamp01((vx * x + vy * y + vz * z) * (1 / (vx * vx + vy * vy + vz * vz)));
+        s = pandis__clamp01((vx * x + vy * y + vz * z) * f->per_v[i]);
         rx = x - s * vx, ry = y - s * vy, rz = z - s * vz;
         double d = rx * rx + ry * ry + rz * rz;
         best = d < best ? d : best;
-        s = pandis__clamp01((wx * bx + wy * by + wz * bz) * (1 / (wx * wx + wy * wy + wz * wz)));
+        s = pandis__clamp01((wx * bx + wy * by + wz * bz) * f->per_w[i]);
         rx = bx - s * wx, ry = by - s * wy, rz = bz - s * wz;
         d = rx * rx + ry * ry + rz * rz;
         best = d < best ? d : best;
@@ -162,11 +173,22 @@ PANDIS__INLINE void pandis__four_squared(const pandis__mesh *t, const int32_t *f
         double cx = y * nz - z * ny, cy = z * nx - x * nz, cz = x * ny - y * nx;
         double qx = by * nz - bz * ny, qy = bz * nx - bx * nz, qz = bx * ny - by * nx;
         double height = nx * x + ny * y + nz * z;
-        d = height * height * (1 / (nx * nx + ny * ny + nz * nz));
+        d = height * height * f->per_n[i];
         int inside = (ux * cx + uy * cy + uz * cz >= 0) & (vx * cx + vy * cy + vz * cz <= 0) &
             (wx * qx + wy * qy + wz * qz >= 0);
         out[i] = inside && d < best ? d : best;
     }
+}
+
+/* Compute the squared distances to four faces in double precision. Among faces that are about
+ * equally near, the smallest of these numbers decides. */
+PANDIS__INLINE void pandis__four_squared(const pandis__mesh *t, const int32_t *faces,
+    const double *PANDIS__RESTRICT p, double *PANDIS__RESTRICT out) {
+    pandis__triangles four;
+    for (int i = 0; i < PANDIS__FOUR; i++)
+        pandis__set_triangle(&four, i, pandis__corner(t, faces[i], 0),
+            pandis__corner(t, faces[i], 1), pandis__corner(t, faces[i], 2));
+    pandis__complete_triangles(&four), pandis__four_distances(&four, p, out);
 }
 
 /* Store the feature that contains the closest point. */
