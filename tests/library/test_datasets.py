@@ -1,6 +1,7 @@
 """Data sets: what becomes of each mesh, exact rows, work that is done once, and layouts."""
 
 import csv
+import errno
 import fcntl
 import hashlib
 import io
@@ -23,11 +24,11 @@ import trimesh
 import pandis
 from pandis.__main__ import main
 from pandis.base.errors import PandisError, ReadError
+from pandis.pipeline.dataset import worker
 from pandis.pipeline.dataset.layouts import LAYOUTS
 from pandis.pipeline.dataset.pool import Lost, Pool
 from pandis.pipeline.dataset.reading import MESH, ROWS
 from pandis.pipeline.dataset.rows import Work
-from pandis.pipeline.dataset.worker import _answer
 from pandis.pipeline.geometry.strata import STRATA
 from pandis.pipeline.run.ask import sourcing
 from pandis.pipeline.run.ask.datasets import DatasetOptions
@@ -271,6 +272,33 @@ def test_too_little_memory_is_a_result(folder, tmp_path):
     assert all("memory_gb" in why.reason for why in store.failed.values())
 
 
+@pytest.mark.parametrize(
+    ("error", "reason"),
+    [
+        (MemoryError(), "it needs more memory"),
+        (OSError(errno.ENOMEM, "Cannot allocate memory"), "it needs more memory"),
+        (OSError("a.so: failed to map segment from shared object"), "it needs more memory"),
+        (ImportError("b.so: failed to map segment from shared object"), "it needs more memory"),
+        (PandisError("not enough memory: too many faces cross"), "it needs more memory"),
+        (PandisError("no faces"), "no faces"),
+        (OSError(errno.EIO, "Input/output error"), "a file cannot be read or written: Input"),
+        (ImportError("no module c"), "a defect of pandis"),
+    ],
+)
+def test_a_lack_of_memory_is_named_whoever_notices_it(error, reason, tmp_path, monkeypatch):
+    def fail(work, note):
+        raise error
+
+    monkeypatch.setattr(worker, "mesh_rows", fail)
+    output = tmp_path / "box.npz"
+    work = Work(Member("box", "box.obj", digest="0"), {}, {}, 0, output=str(output))
+    assert worker._answer(work, lambda note: None) == {"written": str(output)}
+    with np.load(output) as stored:
+        facts = MeshFacts.model_validate_json(str(stored["facts"]))
+    assert facts.failed.reason.startswith(reason)
+    assert facts.again == reason.startswith("a file")
+
+
 def test_what_cannot_be_read_now_is_tried_again_and_costs_no_other_mesh(tmp_path, monkeypatch):
     options = DatasetOptions.model_validate({"source": "x", "seed": 0})
     gone = Member("gone", str(tmp_path / "gone.stl"), digest="0")
@@ -278,7 +306,7 @@ def test_what_cannot_be_read_now_is_tried_again_and_costs_no_other_mesh(tmp_path
     work = Work(
         gone, options.mesh.model_dump(), options.samples.model_dump(), 0, output=str(output)
     )
-    assert _answer(work, lambda note: None) == {"written": str(output)}
+    assert worker._answer(work, lambda note: None) == {"written": str(output)}
     with np.load(output) as stored:
         assert MeshFacts.model_validate_json(str(stored["facts"])).again
 

@@ -19,6 +19,7 @@ from pandis.base.errors import PandisError, ReadError, RepairError
 from pandis.base.files import AtomicFile
 from pandis.pipeline.dataset.rows import PassingError, Work, mesh_rows
 from pandis.pipeline.mesh import tools
+from pandis.pipeline.mesh.processes import says_memory
 from pandis.pipeline.run.records.dataset import Failure, MeshFacts
 
 #: Why a mesh failed that needs too much.
@@ -50,6 +51,19 @@ def failure(stage, reason, **more):
     return MeshFacts(failed=Failure(stage=stage, reason=reason, option=option), **more)
 
 
+def _explain(error, limits):
+    """Return what to record of an error: the reason, and when to try again."""
+    what = f"{type(error).__name__}: {error}"
+    if isinstance(error, MemoryError) or says_memory(what):
+        return {"reason": _MEMORY, "limits": limits}
+    if isinstance(error, PandisError):
+        return {"reason": str(error)}
+    if isinstance(error, OSError):
+        what = error.strerror or str(error)
+        return {"reason": f"a file cannot be read or written: {what}", "again": True}
+    return {"reason": f"a defect of pandis, please report it ({what})", "limits": limits}
+
+
 def _answer(work, note):
     """Label a mesh, write its rows or why there are none, and return the answer."""
     stage = ["read"]
@@ -66,16 +80,8 @@ def _answer(work, note):
         facts = failure("repair", str(error), option=error.option)
     except (PassingError, ReadError) as error:
         facts = failure(stage[0], str(error), again=True)
-    except PandisError as error:
-        facts = failure(stage[0], str(error))
-    except MemoryError:
-        facts = failure(stage[0], _MEMORY, limits=limits)
-    except OSError as error:
-        what = error.strerror or str(error)
-        facts = failure(stage[0], f"a file cannot be read or written: {what}", again=True)
     except Exception as error:
-        what = f"{type(error).__name__}: {error}"
-        facts = failure(stage[0], f"a defect of pandis, please report it ({what})", limits=limits)
+        facts = failure(stage[0], **_explain(error, limits))
     facts = facts.model_copy(update={"key": work.key})
     try:
         write_rows(work.output, facts, arrays)

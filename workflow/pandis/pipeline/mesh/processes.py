@@ -23,8 +23,9 @@ from typing import NamedTuple
 _LONGEST = 1e6
 #: Where the system does not list open files, those below this number are closed in a copy.
 _DESCRIPTORS = 4096
-#: What libraries say when memory is short.
+#: What libraries, ours among them, say when memory is short.
 _SHORT_OF_MEMORY = (
+    "not enough memory",
     "MemoryError",
     "bad_alloc",
     "std::length",
@@ -219,11 +220,19 @@ def limit_memory(memory_gb, base=0):
         raise MemoryError
 
 
+def says_memory(message):
+    """Return whether an error's message says that memory was short.
+
+    The loader of shared libraries, for one, raises an `OSError` without a number.
+    """
+    return any(word in message for word in _SHORT_OF_MEMORY)
+
+
 def _raise_failure(status, errors, limits):
     """Raise the error that an exit status and the standard error stand for, if any."""
     if not status:
         return
-    if any(word in errors for word in _SHORT_OF_MEMORY):
+    if says_memory(errors):
         raise LimitError(f"needs more than {limits.memory_gb:g} GiB of memory")
     if limits.cpu is not None and status == -signal.SIGPROF:
         lent, limits.cpu.left = limits.cpu.left, 0.0
