@@ -4,24 +4,25 @@ import os
 import subprocess
 import sys
 from fractions import Fraction
-from itertools import combinations
+from itertools import combinations, pairwise
 
 import numpy as np
 import pytest
 import trimesh
 
 import pandis
-from pandis.engine.solid import FINENESS, library, rims, simplified
+from pandis.engine.faces import crossings
+from pandis.engine.solid import FINENESS, library, merged, reopened, rims
 from pandis.pipeline.mesh import tools
 from pandis.pipeline.mesh.diagnosis import diagnose
 from pandis.pipeline.mesh.processes import CpuTime, CpuTimeError
-from pandis.pipeline.mesh.solid import SolidRules, make_solid, rules_of
-from pandis.pipeline.mesh.solid.finish import _turned
+from pandis.pipeline.mesh.solid import SolidRules, make_solid, rules_of, simplification
 from pandis.pipeline.mesh.solid.source import source_of
 from pandis.pipeline.mesh.tree import MeshTree
 from pandis.pipeline.run.ask.options import MeshOptions
 from support import octahedron
 
+finishing = sys.modules["pandis.pipeline.mesh.solid.finish"]  # its package has a function finish
 CELLS = 64
 EDGES = [(low, axis) for axis in range(3) for low in range(8) if not low >> axis & 1]
 
@@ -390,14 +391,129 @@ def test_simplification_keeps_the_surface_within_its_tolerance():
         assert np.abs(off).max() < 0.12 * solid.facts.cell
 
 
-def test_locked_vertices_stay_and_open_meshes_are_refused():
+def test_locked_vertices_stay_and_odd_edges_are_named():
     box = trimesh.creation.box((1, 1, 1)).subdivide().subdivide()
-    locked = np.zeros(len(box.vertices), bool)
+    faces, locked = np.array(box.faces), np.zeros(len(box.vertices), bool)
     locked[:60] = True
-    faces = simplified(box.vertices, box.faces, locked=locked, tolerance=0.01)
-    assert set(range(60)) <= set(np.unique(faces))
-    with pytest.raises(pandis.PandisError, match="not closed and manifold"):
-        simplified(box.vertices, box.faces[1:], locked=locked, tolerance=0.01)
+    into = merged(box.vertices, faces, locked=locked, tolerance=0.01)
+    assert (into[:60] == np.arange(60)).all()
+    assert len(set(into.tolist())) == 60  # these stand for all others
+    assert (into[into] == into).all()
+    into = merged(box.vertices, faces[1:], locked=locked, tolerance=0.01)
+    assert set(np.flatnonzero(into < 0)) == set(faces[0])
+    ball = trimesh.creation.icosphere(subdivisions=1)
+    other = np.where(ball.faces == 0, 0, ball.faces + len(ball.vertices) - 1)
+    both = np.concatenate([ball.vertices, ball.vertices[1:] + 5])
+    pinched = np.concatenate([ball.faces, other])
+    into = merged(both, pinched, locked=np.zeros(len(both), bool), tolerance=0.01)
+    assert np.flatnonzero(into < 0).tolist() == [0]
+    twice = np.concatenate([faces, faces[5:6]])
+    into = merged(box.vertices, twice, locked=locked, tolerance=0.01)
+    assert set(np.flatnonzero(into < 0)) == set(faces[5])
+
+
+@pytest.mark.parametrize("chosen", [1, 5, 40])
+def test_vertices_are_taken_apart_where_they_are_chosen_and_leave_sound_faces(chosen):
+    """Around them all stand for themselves; elsewhere nothing changes; no face turns over."""
+    torus = trimesh.creation.torus(1, 0.4, 192, 96)
+    places, faces = np.array(torus.vertices) * 10, np.array(torus.faces, np.int32)
+    nothing, tolerance = np.zeros(len(places), bool), 0.05
+    into = merged(places, faces, locked=nothing, tolerance=tolerance)
+    rng = np.random.default_rng(chosen)
+    some = np.isin(np.arange(len(places)), rng.choice(len(places), chosen, replace=False))
+    now, apart = reopened(places, faces, into=into, chosen=some, tolerance=tolerance)
+    assert apart[some].all()
+    assert (now[apart] == np.flatnonzero(apart)).all()
+    assert (now[~apart] == into[~apart]).all()
+    assert not set(into[apart]) & set(into[~apart])  # whole groups
+    assert apart.mean() < 0.2
+    corners, before = places[now[faces]], places[faces]
+    normal, was = (np.cross(c[:, 1] - c[:, 0], c[:, 2] - c[:, 0]) for c in (corners, before))
+    border = np.isin(apart[faces].sum(axis=1), (1, 2)) & (normal != 0).any(axis=1)
+    assert border.any()
+    size = np.linalg.norm(normal, axis=1) * np.linalg.norm(was, axis=1)
+    assert (np.einsum("ij,ij->i", normal, was) >= 0.2 * size - 1e-12)[border].all()
+    unit = was / np.linalg.norm(was, axis=1, keepdims=True)
+    off = np.einsum("ijk,ik->ij", corners - before[:, :1], unit)
+    assert np.abs(off[border]).max() < 2 * tolerance + 1e-12
+    twice = now[merged(places, now[faces][(normal != 0).any(axis=1)], locked=~apart,
+                       tolerance=tolerance)[now]]  # fmt: skip
+    left = twice[faces]
+    left = left[(left != np.roll(left, 1, axis=1)).all(axis=1)]
+    assert trimesh.Trimesh(places, left, process=False).is_watertight
+
+
+def crossing_triangles(count, seed):
+    """Return loose triangles, most of which cross."""
+    vertices = np.random.default_rng(seed).random((3 * count, 3))
+    return vertices, np.arange(3 * count).reshape(-1, 3)
+
+
+@pytest.mark.parametrize(("count", "seed", "apart_twice"), [(30, 3, True), (40, 7, True),
+                                                            (40, 5, False)])  # fmt: skip
+def test_all_that_changed_is_judged_again(count, seed, apart_twice, monkeypatch):
+    """Each face that is new, or has another place, since the attempt before; until none is bad."""
+    judge, take_apart, log = simplification._bad_faces, simplification.reopened, []
+    before = {}
+
+    def checked(faces, chosen, *, places, vertices):
+        now = {tuple(face): vertices[face].tobytes() for face in faces.tolist()}
+        new = [now[face] != before.get(face) for face in now]
+        assert len(now) == len(faces)
+        assert chosen[new].all()
+        before.clear()
+        before.update(now)
+        bad = judge(faces, chosen, places=places, vertices=vertices)
+        log.append(len(bad))
+        return bad
+
+    def noted(*mesh, **options):
+        log.append("apart")
+        return take_apart(*mesh, **options)
+
+    monkeypatch.setattr(simplification, "_bad_faces", checked)
+    monkeypatch.setattr(simplification, "reopened", noted)
+    solid = solid_of(crossing_triangles(count, seed))
+    assert log[-1] == 0
+    assert 3 <= sum(entry != "apart" for entry in log) < 10
+    assert ("apart", "apart") in [*pairwise(log)] or not apart_twice
+    fine = solid_of(crossing_triangles(count, seed), tolerance=0.0)
+    assert len(solid.faces) < 0.6 * len(fine.faces)
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_no_faces_cross_where_sides_of_sheets_are_placed(seed, monkeypatch):
+    seen, simplify = [], finishing.simplify
+
+    def noted(boundary, places, *others, **options):
+        seen.append((places.copy(), boundary.faces))
+        return simplify(boundary, places, *others, **options)
+
+    monkeypatch.setattr(finishing, "simplify", noted)
+    solid_of(crossing_triangles(30, seed))
+    ((places, faces),) = seen
+    assert not len(crossings(places, faces))
+
+
+def test_where_simplified_faces_cross_only_their_surroundings_are_made_anew(monkeypatch):
+    torus = trimesh.creation.torus(1, 0.4, 96, 48)
+    before, judge, calls = solid_of(torus), simplification._bad_faces, []
+
+    def refuse_one(faces, chosen, *, places, vertices):
+        calls.append(chosen.mean())
+        if len(calls) > 1:
+            return judge(faces, chosen, places=places, vertices=vertices)
+        return np.flatnonzero(vertices[faces][:, 0, 0] > vertices[:, 0].max() - 0.01)[:1]
+
+    monkeypatch.setattr(simplification, "_bad_faces", refuse_one)
+    after = solid_of(torus)
+    assert calls[0] == 1
+    assert calls[1] < 0.2
+    faces = [{tuple(map(tuple, face)) for face in s.vertices[s.faces]} for s in (before, after)]
+    changed = np.array(list(faces[0] ^ faces[1]))
+    assert len(changed)
+    assert len(faces[1] - faces[0]) < 0.1 * len(faces[0])
+    assert changed[..., 0].min() > 0.5  # on the side of the face that was refused
 
 
 def test_vertices_are_placed_without_rounding():
@@ -533,5 +649,5 @@ def test_a_component_so_flat_that_rounding_could_turn_it_goes_back(height, flat,
     for turned in (faces, faces[:, ::-1]):  # a solid and a cavity
         volume = trimesh.Trimesh(vertices, turned, process=False).volume
         part, places = np.zeros(len(vertices), int), vertices * [1, 1, height]
-        turns = _turned(part, places, turned, volume=np.array([volume]))
+        turns = simplification._turned(part, places, turned, volume=np.array([volume]))
         assert (turns == flat).all()

@@ -99,7 +99,8 @@ def library():
     lib.solid_walls.argtypes = [pointer] * 5
     lib.solid_doors.restype, lib.solid_doors.argtypes = i64, [pointer] * 3
     lib.solid_result.argtypes = [pointer] * 5
-    lib.solid_simplify.argtypes = [pointer, i64, pointer, i64, pointer, ctypes.c_double]
+    lib.solid_simplify.argtypes = [pointer, i64, pointer, i64, pointer, ctypes.c_double, pointer]
+    lib.solid_reopen.argtypes = [pointer, i64, pointer, i64, ctypes.c_double, pointer, pointer]
     lib.solid_parts.restype, lib.solid_parts.argtypes = i64, [pointer, pointer]
     lib.solid_sums.argtypes = [pointer] * 5
     lib.solid_rims.restype = i64
@@ -132,8 +133,8 @@ def rims(edges, vertices):
     return np.split(loops[: sizes.sum()], np.cumsum(sizes)[:-1]) if count else []
 
 
-def simplified(places, faces, *, locked, tolerance):
-    """Return faces (G, 3) of a closed manifold mesh with vertices merged into neighbours.
+def merged(places, faces, *, locked, tolerance):
+    """Merge vertices of a closed manifold mesh into neighbours, so that it needs fewer faces.
 
     Parameters
     ----------
@@ -144,19 +145,65 @@ def simplified(places, faces, *, locked, tolerance):
     tolerance : float
         Largest root mean square distance of a merged vertex from the planes it stood for.
 
+    Returns
+    -------
+    ndarray, shape (V,), int32
+        The vertex that stands for each; a face with two equal ones is gone. If the mesh is not
+        closed and manifold, nothing is merged, and -1 stands for the ends of edges without exactly
+        one face on each side or, if there are none, for vertices that join several fans of faces.
+
     Raises
     ------
     PandisError
-        Memory is short, or the mesh is not closed and manifold.
+        Memory is short.
     """
     places, faces = np.ascontiguousarray(places), np.array(faces, np.int32, order="C")
     locked = np.ascontiguousarray(locked, np.uint8)
+    into = np.empty(len(places), np.int32)
     if not library().solid_simplify(
         places.ctypes.data, len(places), faces.ctypes.data, len(faces), locked.ctypes.data,
-        tolerance,
+        tolerance, into.ctypes.data,
     ):  # fmt: skip
-        raise PandisError("the surface is not closed and manifold, or there is not enough memory")
-    return faces[faces[:, 0] >= 0]
+        raise PandisError("not enough memory to simplify the surface")
+    return into
+
+
+def reopened(places, faces, *, into, chosen, tolerance):
+    """Let vertices stand for themselves that are merged with chosen ones.
+
+    More are taken apart where a face at the border would turn over, be a needle, or leave the
+    surface.
+
+    Parameters
+    ----------
+    places : ndarray, shape (V, 3), float64
+    faces : ndarray, shape (F, 3), int32
+        Before anything was merged.
+    into : ndarray, shape (V,), int32
+        From `merged`.
+    chosen : ndarray, shape (V,), bool
+    tolerance : float
+        As in `merged`.
+
+    Returns
+    -------
+    into : ndarray, shape (V,), int32
+    apart : ndarray, shape (V,), bool
+        The vertices that stand for themselves again.
+
+    Raises
+    ------
+    PandisError
+        Memory is short.
+    """
+    places, faces = np.ascontiguousarray(places), np.ascontiguousarray(faces, np.int32)
+    into, apart = into.copy(), chosen.astype(np.uint8)
+    if not library().solid_reopen(
+        places.ctypes.data, len(places), faces.ctypes.data, len(faces), tolerance,
+        into.ctypes.data, apart.ctypes.data,
+    ):  # fmt: skip
+        raise PandisError("not enough memory to simplify the surface")
+    return into, apart.astype(bool)
 
 
 class Lattice:

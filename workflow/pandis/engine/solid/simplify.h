@@ -2,7 +2,8 @@
  *
  * Vertices are merged into neighbours, cheapest first, as long as the surface stays near (quadric
  * error metrics: Garland and Heckbert 1997). The vertices that remain stay in place, so on the
- * source. The caller finds faces that cross, and locks the vertices around them. */
+ * source. The caller finds faces that cross, locks the vertices around them, and takes apart what
+ * was merged there (reopen.h). */
 
 #define MOST_NEIGHBOURS 64
 #define MOST_OFF 2  /* a merge moves the surface by at most this many times the mean tolerance */
@@ -25,6 +26,7 @@ typedef struct {
     int32_t *opposite, *out; /* per half-edge; per vertex: a half-edge that leaves it */
     Quadric *quadrics;
     const uint8_t *locked;
+    int32_t *into; /* per vertex: the neighbour it was merged into, or itself */
     Queue queue;
     double bound, most; /* squared: of the mean over planes, now and at most */
     int queued;         /* whether vertices wait in the queue */
@@ -41,26 +43,40 @@ static int32_t end_of(const Mesh *m, int32_t h) { return origin_of(m, after(h));
 /* The next half-edge that leaves the same vertex. */
 static int32_t turned(const Mesh *m, int32_t h) { return m->opposite[before(h)]; }
 
-/* Find the opposite of each half-edge; returns 0 if the mesh is not closed and manifold. */
+/* The number of half-edges that leave a vertex and can be reached from one of them. */
+static int32_t fan_of(const Mesh *m, int32_t vertex) {
+    int32_t count = 0, h = m->out[vertex];
+    do count++;
+    while ((h = turned(m, h)) != m->out[vertex]);
+    return count;
+}
+
+/* Find the opposite of each half-edge. Returns 1, or 0 if memory is short, or -1 if the mesh is not
+ * closed and manifold. Then `into` is -1 for the ends of edges without exactly one face on each
+ * side or, if there are no such edges, for vertices whose faces form several fans. */
 static int join_halves(Mesh *m) {
-    int64_t halves = 3 * m->face_count, done = 1;
+    int64_t halves = 3 * m->face_count;
+    int done = 0;
     int32_t *start = calloc((size_t)m->vertex_count + 2, sizeof *start);
     int32_t *leaving = malloc((size_t)halves * sizeof *leaving);
     if (start && leaving) {
         for (int32_t h = 0; h < halves; h++) start[origin_of(m, h) + 2]++;
         for (int64_t v = 0; v < m->vertex_count; v++) start[v + 2] += start[v + 1];
         for (int32_t h = 0; h < halves; h++) leaving[start[origin_of(m, h) + 1]++] = h;
+        done = 1;
         for (int32_t h = 0; h < halves; h++) {
-            int32_t from = end_of(m, h), to = origin_of(m, h), match = -1;
+            int32_t from = end_of(m, h), to = origin_of(m, h), match = -1, matches = 0;
             for (int32_t i = start[from]; i < start[from + 1]; i++)
-                if (end_of(m, leaving[i]) == to) done &= match < 0, match = leaving[i];
-            done &= match >= 0;
+                if (end_of(m, leaving[i]) == to) match = leaving[i], matches++;
             m->opposite[h] = match, m->out[to] = h;
+            if (matches != 1 || from == to) done = m->into[from] = m->into[to] = -1;
         }
+        int joined = done == 1;
+        for (int32_t v = 0; joined && v < m->vertex_count; v++)
+            if (m->out[v] >= 0 && fan_of(m, v) != start[v + 1] - start[v]) done = m->into[v] = -1;
     }
-    done &= start && leaving;
     free(start), free(leaving);
-    return (int)done;
+    return done;
 }
 
 static void add_quadric(Quadric *q, const Quadric *other) {
@@ -190,6 +206,7 @@ static void merge(Mesh *m, int32_t h, const Star *mine) {
     m->faces[h / 3].corner[0] = m->faces[other / 3].corner[0] = -1;
     for (int i = 0; i < 2; i++) join(m, pairs[i][0], pairs[i][1]);
     add_quadric(m->quadrics + end, m->quadrics + vertex);
+    m->into[vertex] = end;
 }
 
 /* Merge a vertex into the neighbour that is cheapest among those it can be merged into; or queue it
@@ -234,16 +251,26 @@ static void merge_flat(Mesh *m) {
     m->queued = 1;
 }
 
-/* Simplify a closed manifold mesh in place: dropped faces get -1 as their first corner. The root
- * mean square distance of a merged vertex from its planes is at most `tolerance`. Returns 0 if
- * memory is short or the mesh is not closed and manifold. */
+/* Lead each vertex to the one that stands for it at the end. */
+static void follow_merges(int32_t *into, int64_t vertices) {
+    for (int32_t v = 0; v < vertices; v++) {
+        int32_t last = v, next;
+        while (into[last] != last) last = into[last];
+        for (int32_t w = v; w != last; w = next) next = into[w], into[w] = last;
+    }
+}
+
+/* Simplify a closed manifold mesh in place: dropped faces get -1 as their first corner. `into`
+ * receives the vertex that stands for each. The root mean square distance of a merged vertex from
+ * its planes is at most `tolerance`. Returns as join_halves. */
 int32_t solid_simplify(const double *places, int64_t vertices, int32_t *faces, int64_t count,
-    const uint8_t *locked, double tolerance) {
+    const uint8_t *locked, double tolerance, int32_t *into) {
     Mesh m = {.places = places,
         .faces = (Face *)faces,
         .face_count = count,
         .vertex_count = vertices,
         .locked = locked,
+        .into = into,
         .bound = tolerance * tolerance,
         .most = tolerance * tolerance};
     m.opposite = malloc((size_t)(3 * count) * sizeof *m.opposite);
@@ -251,10 +278,10 @@ int32_t solid_simplify(const double *places, int64_t vertices, int32_t *faces, i
     m.quadrics = calloc((size_t)vertices, sizeof *m.quadrics);
     int done = m.opposite && m.out && m.quadrics && start_queue(&m.queue, vertices);
     if (done) {
-        for (int64_t v = 0; v < vertices; v++) m.out[v] = -1;
+        for (int32_t v = 0; v < vertices; v++) m.out[v] = -1, into[v] = v;
         done = join_halves(&m);
     }
-    if (done) {
+    if (done == 1) {
         add_planes(&m);
         merge_flat(&m);
         for (int32_t v = 0; v < vertices; v++)
@@ -264,6 +291,7 @@ int32_t solid_simplify(const double *places, int64_t vertices, int32_t *faces, i
             take_out(&m.queue, vertex);
             merge_cheapest(&m, vertex);
         }
+        follow_merges(into, vertices);
     }
     free(m.opposite), free(m.out), free(m.quadrics);
     free(m.queue.heap), free(m.queue.where), free(m.queue.cost);

@@ -41,6 +41,7 @@
 #include "rims.h"
 #include "queue.h"
 #include "simplify.h"
+#include "reopen.h"
 
 void solid_free(Lattice *l) {
     if (!l) return;

@@ -163,6 +163,7 @@ def make_solid(vertices, faces, rules=None, *, log=print):
         share=rules.share, keep_cavities=rules.keep_cavities,
     )  # fmt: skip
     boundary, parts = lattice.boundary(rooms.solid, _HALF)
+    del lattice  # it takes as much memory as all that follows
     fan = rooms.caps - len(source.faces)
     shut = widths[np.unique(fan_of[fan[fan < len(fan_of)]])]
     solid = finish(boundary, source, rules, parts=parts, rooms=rooms, caps=shut.tolist())

@@ -1,22 +1,12 @@
-"""Places the sides of sheets and caps, simplifies the surface, and says what was invented."""
+"""Places the sides of sheets and caps, has the surface simplified, and says what was invented."""
 
 from typing import NamedTuple
 
 import numpy as np
 
 from pandis.engine.faces import crossings
-from pandis.engine.solid import (
-    AT_CORNER,
-    FINENESS,
-    NO_ROOM,
-    ON_CAP,
-    ON_DOOR,
-    ON_SHEET,
-    simplified,
-)
-from pandis.pipeline.mesh.diagnosis import FLAT, altitudes
-from pandis.pipeline.mesh.nesting import signed_volumes
-from pandis.pipeline.mesh.topology import compact, crossing_faces
+from pandis.engine.solid import AT_CORNER, FINENESS, NO_ROOM, ON_CAP, ON_DOOR, ON_SHEET
+from pandis.pipeline.mesh.solid.simplification import corners_of, near, simplify, touching
 from pandis.pipeline.mesh.tree import MeshTree
 from pandis.pipeline.run.records.mesh import SolidFacts
 
@@ -30,19 +20,16 @@ _REACH = 1.6
 #: Corners farther than this from the source go back to it, cells: in a thin part, planes of both
 #: sides meet beside it.
 _OFF = 0.05
-#: The mean distance of merged vertices, as a share of the tolerance: some are farther.
-_MEAN = 0.5
-#: Attempts at a surface without crossing faces, and the width of the surroundings that are locked.
-_ATTEMPTS, _NEAR = 12, 2.0
 #: Twice the area from which a face's vertices stay at their targets, square cells: see areas.h.
 _LEAST_AREA = 1e-6
-#: Volume of the smallest component, cubic cells: rounding could turn a flatter one inside out.
-_LEAST_VOLUME = 1e-6
-#: Rounds in which vertices of crossing faces go back.
-_ROUNDS = 12
+#: Rounds in which vertices of crossing faces go back, and the width of the surroundings that are
+#: looked at meanwhile: see `pandis.pipeline.mesh.solid.simplification.near`.
+_ROUNDS, _RINGS = 12, 3
 #: What is left of their way after the first time: the two sides of a thin part end at its rim, and
 #: a small part of the way back parts them.
 _FIRST_BACK = 0.83
+#: Faces that are judged at once, so that memory stays small.
+_AT_ONCE = 1 << 20
 #: Maximum numbers of caps, doors and components listed, the largest first.
 LISTED = 20
 #: Thickness from which a thin solid of a closed source is drawn as it is, cells.
@@ -102,9 +89,7 @@ def finish(boundary, source, rules, *, parts, rooms, caps):
             faces=boundary.faces[~small[boundary.part[boundary.faces[:, 0]]]]
         )
     places = _sound(boundary, _placed(boundary, source, rules.thickness))
-    mesh = _without_crossings(
-        boundary, places, frame, tolerance=rules.tolerance, volume=parts.volume
-    )
+    mesh = simplify(boundary, places, frame, tolerance=rules.tolerance, volume=parts.volume)
     return Solid(*mesh, facts)
 
 
@@ -153,10 +138,10 @@ def _placed(boundary, source, thickness):
     closest, _ = tree.closest(places[side])
     distance = np.linalg.norm(places[side] - closest, axis=1)
     corner = boundary.origin[side] == AT_CORNER
-    near = (distance > _OFF * corner) & (distance < _REACH)
-    side, distance, closest = side[near], distance[near], closest[near]
+    moves = (distance > _OFF * corner) & (distance < _REACH)
+    side, distance, closest = side[moves], distance[moves], closest[moves]
     outward = (places[side] - closest) / distance[:, None]
-    offset = np.where(corner[near], 0, thickness / 2)
+    offset = np.where(corner[moves], 0, thickness / 2)
     if source.closed:  # between two layers of the source, a thin solid is as thick as it is
         depth = closest - _THIN * outward
         offset[offset > 0] *= tree.windings(depth[offset > 0]) <= 0.75
@@ -187,79 +172,71 @@ def _sound(boundary, target):
     Vertices of crossing faces go back towards the lattice, where no faces cross: a small part of
     the way, then by halves; with their neighbours after some rounds.
     """
-    moved = (target != boundary.places).any(axis=1)
-    share, faces = moved.astype(float), boundary.faces
-    question, places = moved[faces].any(axis=1), target
-    if not moved.any():
-        return target
+    places, faces = boundary.places.copy(), boundary.faces
+    moving = np.flatnonzero((target != places).any(axis=1))
+    places[moving] = _rounded(target[moving])
+    back = np.flatnonzero(_meeting(places, faces, moving))
+    if not len(back):
+        return places
+    # these and the vertices around them go back; beyond, `simplify` judges
+    around = np.zeros(len(places), bool)
+    around[back] = True
+    for _ in range(_RINGS):
+        around = near(places, around)
+    faces = faces[touching(around, faces)]
+    around = np.flatnonzero(corners_of(faces, len(places)))
+    index = np.full(len(places), -1, np.int32)
+    index[around] = np.arange(len(around))
+    places[around] = _gone_back(
+        boundary.places[around], _rounded(target[around]), faces=index[faces], back=index[back]
+    )
+    return places
+
+
+def _gone_back(base, target, *, faces, back):
+    """Return places (V, 3) between those of the lattice and the targets, where no faces cross.
+
+    ``back`` has the vertices of faces that cross if all are at their targets.
+    """
+    share, places = (target != base).any(axis=1).astype(float), target.copy()
     for turn in range(_ROUNDS):
-        places = boundary.places + share[:, None] * (target - boundary.places)
-        places = np.round(places * FINENESS) / FINENESS
-        around = _near(places, faces[question].reshape(-1))[faces].any(axis=1)
-        back = np.zeros(len(places), bool)
-        pairs = crossings(places, faces[around], question[around])
-        back[faces[around][pairs.reshape(-1)]] = True
-        back[faces[question][_without_area(places[faces[question]])]] = True
-        if turn > _ROUNDS // 3:
-            back[faces[back[faces].any(axis=1)]] = True
-        back &= share > 0
-        if not back.any():
+        back = back[share[back] > 0]
+        if not len(back):
             break
         slower = np.where(share[back] == 1, _FIRST_BACK, share[back] / 2)
-        share[back] = np.where((share[back] > 0.2) & (turn < _ROUNDS // 2), slower, 0.0)
-        question = back[faces].any(axis=1)
+        stays = (share[back] > 0.2) & (turn < _ROUNDS // 2)
+        share[back] = np.where(stays, slower, 0.0)
+        way = share[back, None] * (target[back] - base[back])
+        places[back] = _rounded(base[back] + way)
+        meeting = _meeting(places, faces, back)
+        if turn >= _ROUNDS // 3:
+            meeting[faces[touching(meeting, faces)]] = True
+        back = np.flatnonzero(meeting)
+    places[back] = base[back]
     return places
+
+
+def _rounded(places):
+    return np.round(places * FINENESS) / FINENESS
+
+
+def _meeting(places, faces, moved):
+    """Return a mask of the vertices of faces that cross, or lack area, beside moved vertices."""
+    marks, back = np.zeros((2, len(places)), bool)
+    marks[moved] = True
+    chosen = np.flatnonzero(touching(marks, faces))
+    for start in range(0, len(chosen), _AT_ONCE):
+        part = chosen[start : start + _AT_ONCE]
+        question = np.zeros(len(faces), bool)
+        question[part] = True
+        around = near(places, corners_of(faces[part], len(places)))
+        rows = np.flatnonzero(touching(around, faces))
+        pairs = crossings(places, faces[rows], question[rows])
+        back[faces[rows[pairs.reshape(-1)]]] = True
+        back[faces[part][_without_area(places[faces[part]])]] = True
+    return back
 
 
 def _without_area(corners):
     normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     return np.einsum("ij,ij->i", normal, normal) < _LEAST_AREA**2
-
-
-def _without_crossings(boundary, places, frame, *, tolerance, volume):
-    """Return vertices (mesh units) and faces without self-intersections, simplified.
-
-    Where simplified faces cross, the vertices around them are locked, and it starts again. What
-    still crosses in exact arithmetic goes back to the lattice.
-    """
-    locked, vertices = np.zeros(len(places), bool), frame.to_mesh(places)
-    for attempt in range(_ATTEMPTS):
-        faces = boundary.faces
-        if tolerance:
-            faces = simplified(places, faces, locked=locked, tolerance=tolerance * _MEAN)
-        faces = faces.astype(np.int64)
-        mesh = compact(vertices, faces)
-        pairs = crossing_faces(*mesh)
-        flat = altitudes(places[faces])[0] <= FLAT  # in cells, where nothing underflows
-        turned = _turned(boundary.part, places, faces, volume=volume)
-        bad = np.concatenate([pairs.reshape(-1), np.flatnonzero(flat), np.flatnonzero(turned)])
-        bad = faces[bad].reshape(-1)
-        if not len(bad):
-            return mesh
-        near = _near(places, bad)
-        if attempt >= _ATTEMPTS // 3:
-            near = _near(places, near)
-        back = near & locked & (places != boundary.places).any(axis=1)
-        places[back] = boundary.places[back]
-        vertices[back] = frame.to_mesh(places[back])
-        locked |= near
-    return compact(frame.to_mesh(boundary.places), boundary.faces.astype(np.int64))
-
-
-def _turned(part, places, faces, *, volume):
-    """Return a mask of the faces of components that are flat or inside out, and were not before."""
-    label = part[faces[:, 0]]
-    now = signed_volumes(places, faces, label, count=len(volume))
-    least = np.minimum(_LEAST_VOLUME, np.abs(volume) / 2)  # some are tiny from the beginning
-    return (now * np.sign(volume) < least)[label]
-
-
-def _near(places, chosen):
-    """Return a mask of the vertices in and around the cells of chosen ones, `_NEAR` cells wide."""
-    cells = (places / _NEAR).astype(np.int64) + 1
-    marks = np.zeros(cells.max(axis=0) + 2, bool)
-    marks[tuple(cells[chosen].T)] = True
-    for axis in range(3):
-        rows = np.moveaxis(marks, axis, 0)
-        rows[1:-1] |= rows[:-2] | rows[2:]
-    return marks[tuple(cells.T)]
