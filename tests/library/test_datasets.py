@@ -30,6 +30,7 @@ from pandis.pipeline.dataset.pool import Lost, Pool
 from pandis.pipeline.dataset.reading import MESH, ROWS
 from pandis.pipeline.dataset.rows import Work
 from pandis.pipeline.geometry.strata import STRATA
+from pandis.pipeline.mesh import tools
 from pandis.pipeline.run.ask import sourcing
 from pandis.pipeline.run.ask.datasets import DatasetOptions
 from pandis.pipeline.run.ask.members import RATIO, Member, members
@@ -269,7 +270,13 @@ def test_a_process_that_ends_is_a_result():
 def test_too_little_memory_is_a_result(folder, tmp_path):
     store, _ = label(folder, tmp_path / "parts.zarr", memory_gb=0.2)
     assert not store.names
-    assert all("memory_gb" in why.reason for why in store.failed.values())
+    reasons = [why.reason for why in store.failed.values()]
+    assert [why for why in reasons if "memory_gb" not in why] == []
+
+
+def caused(error, cause):
+    error.__cause__ = cause
+    return error
 
 
 @pytest.mark.parametrize(
@@ -278,9 +285,12 @@ def test_too_little_memory_is_a_result(folder, tmp_path):
         (MemoryError(), "it needs more memory"),
         (OSError(errno.ENOMEM, "Cannot allocate memory"), "it needs more memory"),
         (OSError("a.so: failed to map segment from shared object"), "it needs more memory"),
+        (RuntimeError("can't start new thread"), "it needs more memory"),
         (ImportError("b.so: failed to map segment from shared object"), "it needs more memory"),
         (PandisError("not enough memory: too many faces cross"), "it needs more memory"),
-        (PandisError("no faces"), "no faces"),
+        (caused(ReadError("a.obj: cannot be read"), OSError(errno.ENOMEM, "?")), "it needs more"),
+        (PandisError("bad_alloc/a.obj: no faces"), "bad_alloc/a.obj: no faces"),
+        (OSError(errno.ENOENT, "No such file", "MemoryError/a.obj"), "a file cannot be read"),
         (OSError(errno.EIO, "Input/output error"), "a file cannot be read or written: Input"),
         (ImportError("no module c"), "a defect of pandis"),
     ],
@@ -297,6 +307,16 @@ def test_a_lack_of_memory_is_named_whoever_notices_it(error, reason, tmp_path, m
         facts = MeshFacts.model_validate_json(str(stored["facts"]))
     assert facts.failed.reason.startswith(reason)
     assert facts.again == reason.startswith("a file")
+
+
+def test_a_rung_without_memory_does_not_leave_the_mesh_to_the_next_one(monkeypatch):
+    def fail(vertices, faces):
+        raise OSError("a.so: failed to map segment from shared object")
+
+    monkeypatch.setitem(tools.OPERATIONS, "orient", fail)
+    monkeypatch.setitem(tools._SETTINGS, "isolated", False)
+    with pytest.raises(MemoryError):
+        tools.call("orient", np.zeros((3, 3)), np.zeros((1, 3), int), seconds=9, memory_gb=1)
 
 
 def test_what_cannot_be_read_now_is_tried_again_and_costs_no_other_mesh(tmp_path, monkeypatch):

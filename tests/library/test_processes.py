@@ -13,9 +13,11 @@ import numpy as np
 import pytest
 import trimesh
 
+from pandis.base.errors import PandisError
 from pandis.pipeline.dataset.rows import Work
 from pandis.pipeline.mesh import processes, tools
 from pandis.pipeline.mesh.cleanup import clean
+from pandis.pipeline.mesh.intake import read_mesh
 from pandis.pipeline.mesh.processes import (
     CpuTime,
     CpuTimeError,
@@ -70,6 +72,19 @@ def test_what_a_function_says_ends_in_its_error():
         forked(lambda: os.kill(os.getpid(), signal.SIGKILL), LIMITS)
     with pytest.raises(LimitError, match="needs more than 3 GiB of memory"):
         forked(lambda: np.ones(1 << 30), LIMITS)
+    lacking = OSError("a.so: failed to map segment from shared object")
+    with pytest.raises(LimitError, match="needs more than 3 GiB of memory"):
+        forked(lambda: (_ for _ in ()).throw(lacking), LIMITS)
+
+
+@pytest.mark.parametrize("isolated", [False, True])
+def test_a_folder_may_be_called_like_a_lack_of_memory(isolated, worker, tmp_path):
+    folder = tmp_path / "bad_alloc" / "MemoryError"
+    folder.mkdir(parents=True)
+    (folder / "box.obj").write_text("v 0 0\nf 1 2 3\n")
+    tools.isolate(isolated)
+    with pytest.raises(PandisError, match=r"MemoryError/box.obj: line 1: "):
+        read_mesh(str(folder / "box.obj"), folder / "box.obj")
 
 
 @pytest.mark.parametrize("fault", ["traceback.print_exc", "signal.alarm"])

@@ -19,7 +19,7 @@ from pandis.base.errors import PandisError, ReadError, RepairError
 from pandis.base.files import AtomicFile
 from pandis.pipeline.dataset.rows import PassingError, Work, mesh_rows
 from pandis.pipeline.mesh import tools
-from pandis.pipeline.mesh.processes import says_memory
+from pandis.pipeline.mesh.processes import lacks_memory
 from pandis.pipeline.run.records.dataset import Failure, MeshFacts
 
 #: Why a mesh failed that needs too much.
@@ -53,14 +53,16 @@ def failure(stage, reason, **more):
 
 def _explain(error, limits):
     """Return what to record of an error: the reason, and when to try again."""
-    what = f"{type(error).__name__}: {error}"
-    if isinstance(error, MemoryError) or says_memory(what):
+    if lacks_memory(error):
         return {"reason": _MEMORY, "limits": limits}
+    if isinstance(error, RepairError):
+        return {"reason": str(error), "option": error.option}
     if isinstance(error, PandisError):
-        return {"reason": str(error)}
+        return {"reason": str(error), "again": isinstance(error, PassingError | ReadError)}
     if isinstance(error, OSError):
         what = error.strerror or str(error)
         return {"reason": f"a file cannot be read or written: {what}", "again": True}
+    what = f"{type(error).__name__}: {error}"
     return {"reason": f"a defect of pandis, please report it ({what})", "limits": limits}
 
 
@@ -76,10 +78,6 @@ def _answer(work, note):
     arrays, limits = None, list(work.limits)
     try:
         arrays, facts = mesh_rows(work, enter)
-    except RepairError as error:
-        facts = failure("repair", str(error), option=error.option)
-    except (PassingError, ReadError) as error:
-        facts = failure(stage[0], str(error), again=True)
     except Exception as error:
         facts = failure(stage[0], **_explain(error, limits))
     facts = facts.model_copy(update={"key": work.key})

@@ -5,6 +5,7 @@ is raised as a `ToolError`.
 """
 
 import ctypes
+import errno
 import os
 import resource
 import select
@@ -19,18 +20,21 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import NamedTuple
 
+from pandis.base.errors import PandisError
+
 #: Longest time that timers take, s.
 _LONGEST = 1e6
 #: Where the system does not list open files, those below this number are closed in a copy.
 _DESCRIPTORS = 4096
-#: What libraries, ours among them, say when memory is short.
+#: What libraries say when memory is short.
 _SHORT_OF_MEMORY = (
-    "not enough memory",
     "MemoryError",
     "bad_alloc",
     "std::length",
     "Cannot allocate memory",
     "failed to map segment",
+    "cannot map zero-fill pages",
+    "can't start new thread",
 )
 
 
@@ -220,25 +224,41 @@ def limit_memory(memory_gb, base=0):
         raise MemoryError
 
 
-def says_memory(message):
-    """Return whether an error's message says that memory was short.
+def lacks_memory(error):
+    """Return whether an error, or one that caused it, means that memory was short.
 
-    The loader of shared libraries, for one, raises an `OSError` without a number.
+    Messages with a path are not searched: a folder may have any name.
     """
-    return any(word in message for word in _SHORT_OF_MEMORY)
+    if error is None:
+        return False
+    if isinstance(error, PandisError):
+        short = str(error).startswith("not enough memory")
+    elif isinstance(error, OSError) and error.errno is not None:
+        short = error.errno == errno.ENOMEM
+    else:  # the loader of shared libraries raises an OSError without a number
+        text = isinstance(error, OSError | ImportError | RuntimeError) and str(error)
+        short = isinstance(error, MemoryError) or (text and _says_memory(text))
+    return bool(short) or lacks_memory(error.__cause__)
+
+
+def _says_memory(text):
+    return any(words in text for words in _SHORT_OF_MEMORY)
 
 
 def _raise_failure(status, errors, limits):
     """Raise the error that an exit status and the standard error stand for, if any."""
     if not status:
         return
-    if says_memory(errors):
+    message = (errors.strip().splitlines() or ["no message"])[-1]
+    kind, _, what = message.partition(": ")
+    # a line of our own may contain a path
+    uncaught = "Traceback" in errors and kind in ("ImportError", "OSError", "RuntimeError")
+    short = (uncaught and _says_memory(what)) or (status < 0 and _says_memory(errors))
+    if kind.endswith("MemoryError") or short:
         raise LimitError(f"needs more than {limits.memory_gb:g} GiB of memory")
     if limits.cpu is not None and status == -signal.SIGPROF:
         lent, limits.cpu.left = limits.cpu.left, 0.0
         raise CpuTimeError(f"took longer than {lent:.2g} CPU s")
     if status < 0:
         raise ToolError(f"crashed (signal {-status})")
-    message = (errors.strip().splitlines() or ["no message"])[-1]
-    kind, _, what = message.partition(": ")
     raise MissingError(what) if kind == "ModuleNotFoundError" else ToolError(message)

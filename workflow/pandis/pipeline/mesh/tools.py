@@ -25,6 +25,7 @@ from pandis.pipeline.mesh.processes import (
     MissingError,
     ToolError,
     forked,
+    lacks_memory,
     limit_memory,
     spawned,
 )
@@ -151,6 +152,8 @@ def _here(operation, mesh, parameters):
     except ModuleNotFoundError as error:
         raise MissingError(str(error)) from None
     except Exception as error:
+        if lacks_memory(error):  # the next rung would be tried in its place
+            raise MemoryError from error
         raise ToolError(_in_one_line(error)) from None
     if isinstance(result, Reading):
         return result._replace(vertices=np.asarray(result.vertices, np.float64).reshape(-1, 3),
@@ -355,6 +358,8 @@ def _save(operate, output, lent):
     except MemoryError:
         raise
     except Exception as error:
+        if lacks_memory(error):
+            raise MemoryError from error
         # the parent quotes the last line of stderr
         sys.exit(_in_one_line(error))
     spent = clock.stop()
