@@ -235,10 +235,11 @@ def lacks_memory(error):
         short = str(error).startswith("not enough memory")
     elif isinstance(error, OSError) and error.errno is not None:
         short = error.errno == errno.ENOMEM
-    else:  # the loader of shared libraries raises an OSError without a number
-        text = isinstance(error, OSError | ImportError | RuntimeError) and str(error)
-        short = isinstance(error, MemoryError) or (text and _says_memory(text))
-    return bool(short) or lacks_memory(error.__cause__)
+    elif isinstance(error, OSError | ImportError | RuntimeError):
+        short = _says_memory(str(error))  # shared libraries that fail to load give no number
+    else:
+        short = isinstance(error, MemoryError)
+    return short or lacks_memory(error.__cause__)
 
 
 def _says_memory(text):

@@ -6,7 +6,8 @@ import numpy as np
 
 from pandis.engine.faces import crossings
 from pandis.engine.solid import AT_CORNER, FINENESS, NO_ROOM, ON_CAP, ON_DOOR, ON_SHEET
-from pandis.pipeline.mesh.solid.simplification import corners_of, near, simplify, touching
+from pandis.pipeline.mesh.solid.simplification import near, simplify, touching
+from pandis.pipeline.mesh.topology import used_vertices
 from pandis.pipeline.mesh.tree import MeshTree
 from pandis.pipeline.run.records.mesh import SolidFacts
 
@@ -178,13 +179,12 @@ def _sound(boundary, target):
     back = np.flatnonzero(_meeting(places, faces, moving))
     if not len(back):
         return places
-    # these and the vertices around them go back; beyond, `simplify` judges
-    around = np.zeros(len(places), bool)
-    around[back] = True
+    # only these and their surroundings can go back; `simplify` finds what crosses elsewhere
+    around = back
     for _ in range(_RINGS):
         around = near(places, around)
     faces = faces[touching(around, faces)]
-    around = np.flatnonzero(corners_of(faces, len(places)))
+    around = used_vertices(faces)
     index = np.full(len(places), -1, np.int32)
     index[around] = np.arange(len(around))
     places[around] = _gone_back(
@@ -229,7 +229,7 @@ def _meeting(places, faces, moved):
         part = chosen[start : start + _AT_ONCE]
         question = np.zeros(len(faces), bool)
         question[part] = True
-        around = near(places, corners_of(faces[part], len(places)))
+        around = near(places, used_vertices(faces[part]))
         rows = np.flatnonzero(touching(around, faces))
         pairs = crossings(places, faces[rows], question[rows])
         back[faces[rows[pairs.reshape(-1)]]] = True

@@ -6,7 +6,7 @@ from pandis.base.errors import PandisError
 from pandis.engine.solid import merged, reopened
 from pandis.pipeline.mesh.diagnosis import FLAT, altitudes
 from pandis.pipeline.mesh.nesting import signed_volumes
-from pandis.pipeline.mesh.topology import compact, crossing_faces
+from pandis.pipeline.mesh.topology import compact, crossing_faces, used_vertices
 
 #: The mean distance of merged vertices, as a share of the tolerance: some are farther.
 _MEAN = 0.5
@@ -55,7 +55,7 @@ def simplify(boundary, places, frame, *, tolerance, volume):
         bad = faces[np.concatenate([bad, np.flatnonzero(turned)])]
         if not len(bad):
             return compact(vertices, faces)
-        around = near(places, corners_of(bad, len(places)))
+        around = near(places, used_vertices(bad))
         if attempt >= _ATTEMPTS // 3:
             around = near(places, around)
         back = around & locked & (places != boundary.places).any(axis=1)
@@ -128,7 +128,10 @@ def touching(chosen, faces):
 
 
 def near(places, chosen):
-    """Return a mask of the vertices in and around the cells of chosen ones, `_NEAR` cells wide."""
+    """Return a mask of the vertices in and around the cells, `_NEAR` wide, of chosen ones.
+
+    ``chosen`` is a mask, or has indices.
+    """
     cells = (places / _NEAR).astype(np.int32) + 1
     marks = np.zeros(cells.max(axis=0) + 2, bool)
     marks[tuple(cells[chosen].T)] = True
@@ -136,10 +139,3 @@ def near(places, chosen):
         rows = np.moveaxis(marks, axis, 0)
         rows[1:-1] |= rows[:-2] | rows[2:]
     return marks[tuple(cells.T)]
-
-
-def corners_of(faces, count):
-    """Return a mask (count,) of the vertices of faces."""
-    mask = np.zeros(count, bool)
-    mask[faces] = True
-    return mask
