@@ -9,6 +9,10 @@ import numpy as np
 from pandis.base.errors import PandisError
 from pandis.engine.compiler import load
 
+#: Neighbours are folded flat if the angle between them is at most so many times its rounding error.
+#: Nearer to such an edge than that, which of two faces is closest is noise, and so is the sign.
+_FOLDED = 1e5
+
 
 @cache
 def library():
@@ -16,7 +20,8 @@ def library():
     lib = load(Path(__file__).with_name("faces.c"))
     pointer, i32, i64 = ctypes.c_void_p, ctypes.c_int32, ctypes.c_int64
     lib.faces_crossings.restype = i64
-    lib.faces_crossings.argtypes = [pointer, pointer, i32, pointer, pointer]
+    lib.faces_crossings.argtypes = [pointer, pointer, i32, pointer, ctypes.c_double, pointer]
+    lib.faces_folded.argtypes = [pointer, pointer, i64, ctypes.c_double, pointer]
     lib.faces_close.restype = i64
     lib.faces_close.argtypes = [pointer, i32, ctypes.c_double, pointer]
     lib.faces_free.argtypes = [pointer]
@@ -25,7 +30,7 @@ def library():
     return lib
 
 
-def crossings(vertices, faces, question=None):
+def crossings(vertices, faces, question=None, *, extent=0.0):
     """Return the pairs (m, 2) of faces that meet outside their common vertices and edge, sorted.
 
     Faces are closed sets, and one without area is a segment. Decisions are exact (Shewchuk 1997).
@@ -37,22 +42,58 @@ def crossings(vertices, faces, question=None):
     faces : ndarray, shape (F, 3), integer
     question : ndarray, shape (F,), bool, optional
         Only pairs with at least one of these faces are returned.
+    extent : float
+        Longest side of the mesh: neighbours that are `folded` count, too. 0: only exact decisions.
     """
     vertices = np.asarray(vertices, np.float64)
     faces = np.ascontiguousarray(faces, np.int32)
     if not len(faces):
         return np.empty((0, 2), np.int64)
+    places, rounding = _scaled(vertices, faces, extent)
+    mask = None if question is None else np.ascontiguousarray(question, np.uint8)
+    mask_start = None if mask is None else mask.ctypes.data
+    return _pairs(
+        library().faces_crossings, places, faces.ctypes.data, len(faces), mask_start, rounding
+    )
+
+
+def _scaled(vertices, indices, extent):
+    """Return vertices at a size at which products fit, and the error of folds at that size."""
     used = np.zeros(len(vertices), bool)
-    used[faces.reshape(-1)] = True
+    used[indices.reshape(-1)] = True
     # a power of two rounds nothing; at this size, products neither overflow nor underflow
     size = np.ptp(vertices[used], axis=0).max()
     if not np.isfinite(size):
         raise ValueError("vertices that faces use must be finite")
+    power = 200 - int(np.frexp(size)[1])
     with np.errstate(over="ignore"):  # of vertices that no face uses
-        places = np.ascontiguousarray(np.ldexp(vertices, 200 - int(np.frexp(size)[1])))
-    mask = None if question is None else np.ascontiguousarray(question, np.uint8)
-    mask_start = None if mask is None else mask.ctypes.data
-    return _pairs(library().faces_crossings, places, faces.ctypes.data, len(faces), mask_start)
+        places = np.ascontiguousarray(np.ldexp(vertices, power))
+    return places, float(np.ldexp(_FOLDED * np.finfo(np.float64).eps * extent, power))
+
+
+def folded(vertices, corners, *, extent):
+    """Return a mask (m,) of the pairs of triangles that are folded onto each other within rounding.
+
+    The angle between them is zero within its rounding error, which is that of the mesh's longest
+    side relative to their altitudes. Their common edge has no normal, so a distance near it has no
+    sign, whether or not they cross in exact arithmetic.
+
+    Parameters
+    ----------
+    vertices : ndarray, shape (V, 3), float64
+    corners : ndarray, shape (m, 4), integer
+        The ends of each common edge, then the third corners of both triangles.
+    extent : float
+        Longest side of the mesh.
+    """
+    corners = np.ascontiguousarray(corners, np.int32)
+    marks = np.zeros(len(corners), np.uint8)
+    if len(corners):
+        places, rounding = _scaled(np.asarray(vertices, np.float64), corners, extent)
+        library().faces_folded(
+            places.ctypes.data, corners.ctypes.data, len(corners), rounding, marks.ctypes.data
+        )
+    return marks.astype(bool)
 
 
 def close(points, distance):

@@ -25,7 +25,7 @@ typedef struct {
     const double *places;
     const int32_t *faces;    /* NULL: points that are at most `reach` apart are searched for */
     const uint8_t *question; /* per face; NULL: all are */
-    double reach;
+    double reach, rounding;
     Item *items; /* sorted by the tree, so that neighbours are near in memory */
     Node *nodes;
     int32_t node_count;
@@ -127,9 +127,9 @@ static void try_pair(Search *s, const Item *one, const Item *other) {
     int32_t f = one->face, g = other->face;
     if (!overlap(&one->box, &other->box)) return;
     if (s->question && !s->question[f] && !s->question[g]) return;
-    int meet = s->faces
-        ? faces_meet(s->places, s->faces + 3 * (ptrdiff_t)f, s->faces + 3 * (ptrdiff_t)g)
-        : points_close(s, f, g);
+    int meet = s->faces ? faces_meet(s->places, s->faces + 3 * (ptrdiff_t)f,
+                              s->faces + 3 * (ptrdiff_t)g, s->rounding)
+                        : points_close(s, f, g);
     if (meet) add_pair(s, f, g);
 }
 

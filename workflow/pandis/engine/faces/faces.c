@@ -26,12 +26,13 @@ static int64_t search(Search *s, int32_t count) {
     return s->short_of_memory ? -1 : s->pair_count;
 }
 
-/* Find the pairs of faces that meet outside of their common corners and edges, of which at least
- * one is in question (all if NULL). Sets `pairs`, to be freed by faces_free, and returns their
+/* Find the pairs of faces that meet outside of their common corners and edges, or are folded onto
+ * each other if coordinates have an error of `rounding`, of which at least one is in question (all
+ * if NULL). Sets `pairs`, to be freed by faces_free, and returns their
  * number, or -1 if memory is short. `count` is at least 1. */
 int64_t faces_crossings(const double *places, const int32_t *faces, int32_t count,
-    const uint8_t *question, int32_t **pairs) {
-    Search s = {.places = places, .faces = faces, .question = question};
+    const uint8_t *question, double rounding, int32_t **pairs) {
+    Search s = {.places = places, .faces = faces, .question = question, .rounding = rounding};
     int64_t pair_count = search(&s, count);
     *pairs = s.pairs;
     return pair_count;
@@ -43,6 +44,17 @@ int64_t faces_close(const double *points, int32_t count, double reach, int32_t *
     int64_t pair_count = search(&s, count);
     *pairs = s.pairs;
     return pair_count;
+}
+
+/* Mark the pairs of faces u, v, a and u, v, b that are folded onto each other within rounding.
+ * `corners` has u, v, a, b of each. */
+void faces_folded(
+    const double *places, const int32_t *corners, int64_t count, double rounding, uint8_t *marks) {
+    for (int64_t i = 0; i < count; i++, corners += 4) {
+        const double *at[4];
+        for (int k = 0; k < 4; k++) at[k] = places + 3 * (ptrdiff_t)corners[k];
+        marks[i] = (uint8_t)folded_flat(at[0], at[1], at[2], at[3], rounding);
+    }
 }
 
 void faces_free(int32_t *pairs) { free(pairs); }

@@ -1,6 +1,7 @@
 /* Whether two triangles meet outside of their common corners and edge: a part of faces.c.
  *
- * Triangles are closed sets; one without area is a segment. All decisions are exact. */
+ * Triangles are closed sets; one without area is a segment. All decisions are exact, but for
+ * neighbours that are folded onto each other within rounding. */
 
 /* Whether a point on the line of a segment is on the segment, in the plane of two axes. */
 static int between(const double *p, const double *q, const double *r, int x, int y) {
@@ -162,8 +163,41 @@ static int folded(const double *u, const double *v, const double *a, const doubl
     return 0;
 }
 
-/* Whether two faces meet outside of their common corners and edge. */
-static int faces_meet(const double *places, const int32_t *one, const int32_t *other) {
+/* Whether two triangles u, v, a and u, v, b are so folded that the angle between them is within its
+ * rounding error, for coordinates with an error of `rounding`. */
+static int folded_flat(
+    const double *u, const double *v, const double *a, const double *b, double rounding) {
+    double sides[3][3], normals[2][3], error = 0, sine = 0, lengths[2], along = 0;
+    for (int k = 0; k < 3; k++) {
+        sides[0][k] = v[k] - u[k], sides[1][k] = a[k] - u[k], sides[2][k] = b[k] - u[k];
+    }
+    for (int i = 0; i < 2; i++) {
+        const double *e = sides[0], *arm = sides[1 + i];
+        double square = 0, longest = 0, edge = 0, third = 0;
+        for (int k = 0; k < 3; k++) {
+            int x = (k + 1) % 3, y = (k + 2) % 3;
+            normals[i][k] = e[x] * arm[y] - e[y] * arm[x];
+            square += normals[i][k] * normals[i][k];
+            longest += arm[k] * arm[k], edge += e[k] * e[k];
+            third += (arm[k] - e[k]) * (arm[k] - e[k]);
+        }
+        lengths[i] = sqrt(square);
+        if (!(lengths[i] > 0)) return 0;
+        error += sqrt(most(most(longest, edge), third)) / lengths[i];
+    }
+    for (int k = 0; k < 3; k++) along += normals[0][k] * normals[1][k];
+    if (along <= 0) return 0; /* arms on two sides of the edge */
+    for (int k = 0; k < 3; k++) {
+        double difference = normals[0][k] / lengths[0] - normals[1][k] / lengths[1];
+        sine += difference * difference;
+    }
+    return sqrt(sine) <= rounding * error;
+}
+
+/* Whether two faces meet outside of their common corners and edge, or are folded onto each other
+ * within rounding. */
+static int faces_meet(
+    const double *places, const int32_t *one, const int32_t *other, double rounding) {
     const double *f[3], *g[3];
     int in_f = 0, in_g = 0, count = 0;
     for (int i = 0; i < 3; i++) {
@@ -174,7 +208,9 @@ static int faces_meet(const double *places, const int32_t *one, const int32_t *o
     if (count == 3) return 1;
     if (count == 2) {
         int a = in_f == 3 ? 2 : in_f == 5 ? 1 : 0, b = in_g == 3 ? 2 : in_g == 5 ? 1 : 0;
-        return folded(f[(a + 1) % 3], f[(a + 2) % 3], f[a], g[b]);
+        const double *u = f[(a + 1) % 3], *v = f[(a + 2) % 3];
+        return folded(u, v, f[a], g[b]) ||
+            (rounding > 0 && folded_flat(u, v, f[a], g[b], rounding));
     }
     int f_beside = beside(g, f, in_f), g_beside = UNSURE;
     if (f_beside != UNSURE) g_beside = beside(f, g, in_g);

@@ -24,8 +24,8 @@ static int meets_cone(const Lattice *l, const Cone *cone, Face *const *pair) {
     for (int i = 0; i < cone->count; i++) {
         const Face *f = l->faces + cone->first + i;
         if (f == pair[0] || f == pair[1]) continue;
-        if (faces_meet(l->places, pair[0]->corner, f->corner) ||
-            faces_meet(l->places, pair[1]->corner, f->corner))
+        if (faces_meet(l->places, pair[0]->corner, f->corner, 0) ||
+            faces_meet(l->places, pair[1]->corner, f->corner, 0))
             return 1;
     }
     return 0;
@@ -67,8 +67,8 @@ static void flip(Lattice *l, const Cone *a, const Cone *b) {
             *pair[0] = (Face){{old[0].corner[0], b->tip, a->tip}};
             *pair[1] = (Face){{b->tip, old[0].corner[1], a->tip}};
             if (!is_sound(l, pair, old) ||
-                faces_meet(l->places, pair[0]->corner, pair[1]->corner) || meets_cone(l, a, pair) ||
-                meets_cone(l, b, pair))
+                faces_meet(l->places, pair[0]->corner, pair[1]->corner, 0) ||
+                meets_cone(l, a, pair) || meets_cone(l, b, pair))
                 *pair[0] = old[0], *pair[1] = old[1];
             return;
         }

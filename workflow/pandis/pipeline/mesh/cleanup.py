@@ -7,7 +7,8 @@ split vertex moves by `PARTING` times the diagonal, so that surfaces no longer t
 import numpy as np
 
 from pandis.engine.faces import close, connected
-from pandis.pipeline.mesh.diagnosis import FLAT, altitudes
+from pandis.pipeline.mesh.diagnosis import altitudes
+from pandis.pipeline.mesh.flips import flip_flat_faces, unfold
 from pandis.pipeline.mesh.nesting import must_turn, nesting_depth, signed_volumes
 from pandis.pipeline.mesh.topology import (
     compact,
@@ -57,7 +58,7 @@ def clean(vertices, faces, tolerance=0.0):
     welded = resolve_duplicates(vertices, welded[~repeats_a_vertex(welded)])
     if not len(welded):
         return vertices, faces
-    return compact(vertices, flip_flat_faces(vertices, welded))
+    return compact(vertices, _without_folds(vertices, flip_flat_faces(vertices, welded)))
 
 
 def resolve_duplicates(vertices, faces):
@@ -88,6 +89,16 @@ def resolve_duplicates(vertices, faces):
     return _once(faces[stays])
 
 
+def _without_folds(vertices, faces):
+    """Unfold faces that lie on their neighbours, unless more than `SHEETS` of the area would go."""
+    unfolded = unfold(vertices, faces)
+    if unfolded is faces:
+        return faces
+    unfolded = resolve_duplicates(vertices, unfolded)
+    areas = [altitudes(vertices[some])[1].sum() for some in (unfolded, faces)]
+    return unfolded if areas[0] >= (1 - SHEETS) * areas[1] else faces
+
+
 def _once(faces):
     """Return the faces without copies, or unchanged if removing copies would open the mesh."""
     _, first = np.unique(face_keys(faces), return_index=True)
@@ -98,45 +109,6 @@ def _once(faces):
               for edges in (edges_of(once), edges_of(faces))]  # fmt: skip
     opened = any(after > before for after, before in zip(*faults, strict=True))
     return faces if opened else once
-
-
-def flip_flat_faces(vertices, faces, rounds=20):
-    """Flip the longest edge of each zero-area face, so that the face and its neighbour have area.
-
-    The third corner of a flat face is on its longest edge. The two faces at that edge
-    therefore cover the same surface before and after the flip.
-    """
-    faces = faces.copy()
-    for _ in range(rounds):
-        flat = np.flatnonzero(altitudes(vertices[faces])[0] <= FLAT)
-        if not len(flat):
-            break
-        edges = edges_of(faces)
-        added = set()
-        order = np.argsort(edges.edge_of, kind="stable")
-        starts = np.concatenate([[0], np.cumsum(edges.uses)])
-        corners = vertices[faces[flat]]
-        longest = np.linalg.norm(np.roll(corners, -1, axis=1) - corners, axis=2).argmax(axis=1)
-        touched, flipped = set(), 0
-        for face, k in zip(flat.tolist(), longest.tolist(), strict=True):
-            edge = edges.edge_of[3 * face + k]
-            if edges.uses[edge] != 2 or edges.forward[edge] != 1:
-                continue
-            half = order[starts[edge] : starts[edge] + 2]
-            other = int(half[half != 3 * face + k][0])
-            neighbour, j = divmod(other, 3)
-            a, b, tip = (faces[face, (k + i) % 3] for i in range(3))
-            far = faces[neighbour, (j + 2) % 3]
-            new = (min(tip, far), max(tip, far))
-            if {face, neighbour} & touched or tip == far or new in added or edges.has(new):
-                continue
-            faces[face], faces[neighbour] = (a, far, tip), (far, b, tip)
-            touched |= {face, neighbour}
-            added.add(new)
-            flipped += 1
-        if not flipped:
-            break
-    return faces
 
 
 def orient(vertices, faces, nested="cavity"):
@@ -356,21 +328,22 @@ def loosen(vertices, faces, *, tries=40):
     vertices, faces : ndarray
     """
     rng = np.random.default_rng(0)
-    diagonal = np.linalg.norm(np.ptp(vertices[used_vertices(faces)], axis=0))
+    sides = np.ptp(vertices[used_vertices(faces)], axis=0)
+    diagonal, extent = np.linalg.norm(sides), sides.max()
     pairs = crossing_faces(vertices, faces)
     if not 0 < len(pairs) <= 1000:
         return vertices, faces
     around = faces[
         _near(vertices, faces, np.unique(faces[pairs.reshape(-1)]), margin=1e-5 * diagonal)
     ]
-    pairs = crossing_faces(vertices, around)
+    pairs = crossing_faces(vertices, around, extent=extent)
     for amount in np.geomspace(1e-9, 1e-6, tries) * diagonal:
         if not len(pairs):
             break
         moving = np.unique(around[pairs.reshape(-1)])
         moved = vertices.copy()
         moved[moving] += amount * rng.uniform(-1, 1, (len(moving), 3))
-        now = crossing_faces(moved, around)
+        now = crossing_faces(moved, around, extent=extent)
         if len(now) < len(pairs):
             vertices, pairs = moved, now
     return vertices, faces

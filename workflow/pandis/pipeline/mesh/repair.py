@@ -5,8 +5,8 @@ diagnosed after each rung. A result is kept only if it passes the rung's test (u
 fewer faults) and, from ``fill`` on, stays within the deviation budget. The rungs are:
 
 ======== ====================================================================
-clean    weld, drop degenerate and duplicate faces, orient outward, split
-         contacts; lossless
+clean    weld, drop degenerate and duplicate faces, unfold, orient outward,
+         split contacts; lossless
 union    exact union of shells that cross or overlap
 fill     fill holes with a small rim, without adding vertices
 meshfix  MeshFix on every component

@@ -199,7 +199,8 @@ def union(vertices, faces):
     from igl.copyleft import cgal
 
     from pandis.pipeline.mesh import cleanup
-    from pandis.pipeline.mesh.topology import edges_of, rotate_to_smallest
+    from pandis.pipeline.mesh.diagnosis import FLAT, altitudes
+    from pandis.pipeline.mesh.topology import crossing_faces, edges_of, rotate_to_smallest
 
     vertices, faces, birth = cgal.mesh_boolean(
         vertices, faces, np.empty((0, 3)), np.empty((0, 3), np.int64), "union"
@@ -209,8 +210,8 @@ def union(vertices, faces):
     # sort the pieces of cut faces, because their order differs from run to run
     faces = rotate_to_smallest(faces)
     faces = faces[np.lexsort((*faces.T[::-1], birth))]
-    flat = cleanup.altitudes(vertices[faces])[0] <= cleanup.FLAT
-    if not (flat.any() or len(cleanup.crossing_faces(vertices, faces))):
+    flat = altitudes(vertices[faces])[0] <= FLAT
+    if not (flat.any() or len(crossing_faces(vertices, faces))):
         return vertices, faces
     # rounding to float64 flattened faces or made them cross: weld close vertices, then perturb what
     # still crosses
@@ -219,7 +220,7 @@ def union(vertices, faces):
     if len(welded[1]) and edges_of(welded[1]).balanced:
         vertices, faces = welded
     vertices, faces = cleanup.loosen(vertices, faces)
-    if left := len(cleanup.crossing_faces(vertices, faces)):
+    if left := len(crossing_faces(vertices, faces)):
         raise RuntimeError(f"{left} pairs of faces still cross after rounding")
     return vertices, faces
 

@@ -8,7 +8,7 @@ from functools import wraps
 
 import numpy as np
 
-from pandis.engine.faces import connected, crossings, orientation
+from pandis.engine.faces import connected, crossings, folded, orientation
 
 #: Number of results that are remembered: stages of a repair often ask for the same one.
 _REMEMBERED = 3
@@ -254,11 +254,12 @@ def repeats_a_vertex(faces):
     return (a == b) | (b == c) | (c == a)
 
 
-def crossing_faces(vertices, faces, question=None):
+def crossing_faces(vertices, faces, question=None, *, extent=None):
     """Return the pairs (m, 2) of faces that meet outside their shared vertices and edges, sorted.
 
     The test is exact. Faces that merely touch are included, because the closest surface is
-    ambiguous where two surfaces touch. Faces that use a vertex twice are left out.
+    ambiguous where two surfaces touch, and so are neighbours that are folded onto each other within
+    rounding. Faces that use a vertex twice are left out.
 
     Parameters
     ----------
@@ -266,15 +267,44 @@ def crossing_faces(vertices, faces, question=None):
     faces : ndarray, shape (F, 3), int64
     question : ndarray, shape (F,), bool, optional
         Only pairs with at least one of these faces are returned.
+    extent : float, optional
+        Longest side of the mesh, if these are not all of its faces: see
+        `pandis.engine.faces.folded`.
     """
     sound = np.flatnonzero(~repeats_a_vertex(faces))
     corners = np.sort(faces[sound], axis=1)  # turning a face changes nothing
+    if extent is None:
+        extent = longest_side(vertices, corners)
     if question is None:
-        return sound[_all_crossings(vertices, corners)]
-    return sound[crossings(vertices, corners, question[sound])]
+        return sound[_all_crossings(vertices, corners, np.float64(extent))]
+    return sound[crossings(vertices, corners, question[sound], extent=extent)]
 
 
-_all_crossings = _remembered(crossings)
+def longest_side(vertices, faces):
+    """Return the longest side of the box around the vertices that faces use."""
+    return np.ptp(vertices[used_vertices(faces)], axis=0).max(initial=0.0)
+
+
+@_remembered
+def _all_crossings(vertices, faces, extent):
+    return crossings(vertices, faces, extent=extent)
+
+
+def folded_halves(vertices, faces):
+    """Return the pairs (m, 2) of half-edges at which a face lies on its neighbour.
+
+    Only neighbours that agree in orientation are compared: see `pandis.engine.faces.folded`.
+    """
+    edges = edges_of(faces)
+    pairs = edges.pairs()
+    pairs = pairs[edges.runs_forward[pairs[:, 0]] != edges.runs_forward[pairs[:, 1]]]
+    corners = np.concatenate([edges.directed[pairs[:, 0]], opposite(faces, pairs)], axis=1)
+    return pairs[folded(vertices, corners, extent=longest_side(vertices, faces))]
+
+
+def opposite(faces, halves):
+    """Return the vertices of faces (F, 3) that lie opposite to half-edges, in the same shape."""
+    return faces[halves // 3, (halves % 3 + 2) % 3]
 
 
 def rotate_to_smallest(faces):
