@@ -10,7 +10,7 @@ from pandis.pipeline.geometry.distance import MeshDistance
 from pandis.pipeline.mesh.cleanup import clean
 from pandis.pipeline.mesh.diagnosis import diagnose
 from pandis.pipeline.mesh.flips import unfold
-from pandis.pipeline.mesh.topology import crossing_faces, folded_halves
+from pandis.pipeline.mesh.topology import crossing_faces, edges_of, folded_halves
 from support import box_mesh, octahedron
 
 
@@ -96,10 +96,84 @@ def test_a_knife_edge_is_refused_or_has_right_signs(seed):
     assert 6 <= accepted[-1] <= 13
 
 
+@pytest.mark.parametrize("width", [1e-2, 1e-3, 1e-4, 1e-5])
+def test_a_thin_flat_needle_has_no_folds(width):
+    """Slivers have a large rounding error, but no larger than a thousandth of a right angle."""
+    base = width * np.array([[-0.5, 0, 0], [0.5, 0, 0], [0, 1e-3, 0]])
+    faces = np.array([[0, 2, 1], [0, 1, 3], [1, 2, 3], [2, 0, 3]])
+    for seed in range(4):
+        vertices = turned(np.concatenate([base, [[0, 0, 1.0]]]), seed)
+        diagnosis = diagnose(vertices, faces)
+        assert not len(folded_halves(vertices, faces))
+        assert diagnosis.valid, diagnosis.faults()
+        assert right_signs(vertices, faces)
+
+
 def test_sound_faces_stay_as_they_are():
     for vertices, faces in (box_mesh(), octahedron()):
         assert len(folded_halves(vertices, faces)) == len(crossing_faces(vertices, faces)) == 0
         assert unfold(vertices, faces) is faces
+
+
+@pytest.mark.parametrize("share", [0.05, 0.4, 0.55, 0.7])
+@pytest.mark.parametrize("lift", [0, 1e-12])
+def test_what_unfolding_leaves_is_closed(share, lift):
+    """A flat tetrahedron beside a box, most of it covered twice, is dropped or stays whole."""
+    vertices, faces = box_mesh()
+    side = np.sqrt(2 * share)
+    flat = np.array([[0, 0, 0], [side, 0, 0], [0, side, 0], [0.02 * side, 0.02 * side, lift]])
+    four = np.array([[0, 2, 1], [0, 1, 3], [1, 2, 3], [2, 0, 3]]) + len(vertices)
+    vertices, faces = np.concatenate([vertices, flat + [2, 0, 0.5]]), np.concatenate([faces, four])
+    _, fixed = clean(vertices, faces)
+    assert edges_of(fixed).closed
+    assert len(faces) - len(fixed) in (0, 4)
+
+
+@pytest.mark.parametrize(("short", "height"), [(1e-9, 0.02), (1e-11, 1e-3), (1e-9, 1e-5)])
+def test_needles_that_share_their_short_edge_are_no_fold(short, height):
+    """The angle at an edge depends on the height over it, however thin the faces are."""
+    vertices = np.array([[1, short / 2, 0], [1, -short / 2, 0], [0, 0, height],
+                         [0.5, 0, -height / 2], [0, 0.25, 0], [0, -0.25, 0]])  # fmt: skip
+    faces = np.array([[0, 2, 1], [0, 1, 3], [0, 4, 2], [0, 3, 4], [1, 2, 5], [1, 5, 3],
+                      [2, 4, 5], [3, 5, 4]])  # fmt: skip
+    faces = faces if size_of(vertices, faces)[1] > 0 else faces[:, ::-1]
+    cleaned, same = clean(vertices, faces)
+    assert diagnose(vertices, faces).valid
+    np.testing.assert_array_equal(cleaned[same], vertices[faces])
+
+
+def test_unfolding_ends_with_less_area_and_the_same_volume():
+    """Many vertices are moved within a side; some of what results cannot be unfolded."""
+    changed = 0
+    for seed in range(30):
+        vertices, faces = box_mesh()
+        rng = np.random.default_rng(seed)
+        top = np.flatnonzero(vertices[:, 2] == vertices[:, 2].max())
+        inner = top[(abs(vertices[top]) < vertices.max(axis=0))[:, :2].all(axis=1)]
+        vertices[inner, :2] += rng.normal(0, 0.2, (len(inner), 2))
+        vertices = turned(vertices, seed)
+        result = unfold(vertices, faces)
+        changed += result is not faces
+        assert edges_of(result).closed
+        areas, volumes = zip(*(size_of(vertices, some) for some in (result, faces)), strict=True)
+        assert areas[0] <= areas[1] * (1 + 1e-14)
+        assert volumes[0] == pytest.approx(volumes[1], rel=1e-13)
+        assert unfold(vertices, result) is result
+    assert changed > 10
+
+
+def size_of(vertices, faces):
+    """Return area and volume."""
+    a, b, c = np.moveaxis(vertices[faces], 1, 0)
+    area = np.linalg.norm(np.cross(b - a, c - a), axis=1).sum() / 2
+    return area, np.einsum("ij,ij->", a, np.cross(b, c)) / 6
+
+
+def test_no_faces_at_all():
+    vertices, none = box_mesh()[0], np.empty((0, 3), np.int64)
+    assert not len(crossing_faces(vertices, none))
+    assert unfold(vertices, none) is none
+    assert not diagnose(vertices, np.array([[0, 0, 1], [2, 2, 3]])).valid
 
 
 def test_a_sheet_of_two_sides_does_not_dissolve():

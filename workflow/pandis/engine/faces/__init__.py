@@ -10,8 +10,7 @@ from pandis.base.errors import PandisError
 from pandis.engine.compiler import load
 
 #: Neighbours are folded flat if the angle between them is at most so many times its rounding error.
-#: Nearer to such an edge than that, which of two faces is closest is noise, and so is the sign.
-_FOLDED = 1e5
+_FOLDED = 64
 
 
 @cache
@@ -75,8 +74,8 @@ def folded(vertices, corners, *, extent):
     """Return a mask (m,) of the pairs of triangles that are folded onto each other within rounding.
 
     The angle between them is zero within its rounding error, which is that of the mesh's longest
-    side relative to their altitudes. Their common edge has no normal, so a distance near it has no
-    sign, whether or not they cross in exact arithmetic.
+    side relative to their heights over the common edge, or less than 1e-10. This edge has no
+    normal, so a distance near it has no sign, whether or not they cross in exact arithmetic.
 
     Parameters
     ----------

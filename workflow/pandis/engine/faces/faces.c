@@ -53,7 +53,8 @@ void faces_folded(
     for (int64_t i = 0; i < count; i++, corners += 4) {
         const double *at[4];
         for (int k = 0; k < 4; k++) at[k] = places + 3 * (ptrdiff_t)corners[k];
-        marks[i] = (uint8_t)folded_flat(at[0], at[1], at[2], at[3], rounding);
+        int first = corners[0] > corners[1];
+        marks[i] = (uint8_t)folded_flat(at[first], at[!first], at[2], at[3], rounding);
     }
 }
 

@@ -163,35 +163,35 @@ static int folded(const double *u, const double *v, const double *a, const doubl
     return 0;
 }
 
+/* Least angle between faces. Within the coordinates' rounding error divided by the angle, measured
+ * from the edge, which of two faces is nearest is noise. */
+#define LEAST_ANGLE 1e-10
+
 /* Whether two triangles u, v, a and u, v, b are so folded that the angle between them is within its
  * rounding error, for coordinates with an error of `rounding`. */
 static int folded_flat(
     const double *u, const double *v, const double *a, const double *b, double rounding) {
-    double sides[3][3], normals[2][3], error = 0, sine = 0, lengths[2], along = 0;
-    for (int k = 0; k < 3; k++) {
-        sides[0][k] = v[k] - u[k], sides[1][k] = a[k] - u[k], sides[2][k] = b[k] - u[k];
-    }
+    double normals[2][3], error = 0, sine = 0, lengths[2], along = 0, edge = 0;
+    for (int k = 0; k < 3; k++) edge += (v[k] - u[k]) * (v[k] - u[k]);
     for (int i = 0; i < 2; i++) {
-        const double *e = sides[0], *arm = sides[1 + i];
-        double square = 0, longest = 0, edge = 0, third = 0;
+        const double *tip = i ? b : a;
+        double square = 0;
         for (int k = 0; k < 3; k++) {
             int x = (k + 1) % 3, y = (k + 2) % 3;
-            normals[i][k] = e[x] * arm[y] - e[y] * arm[x];
+            normals[i][k] = (v[x] - u[x]) * (tip[y] - u[y]) - (v[y] - u[y]) * (tip[x] - u[x]);
             square += normals[i][k] * normals[i][k];
-            longest += arm[k] * arm[k], edge += e[k] * e[k];
-            third += (arm[k] - e[k]) * (arm[k] - e[k]);
         }
         lengths[i] = sqrt(square);
         if (!(lengths[i] > 0)) return 0;
-        error += sqrt(most(most(longest, edge), third)) / lengths[i];
+        error += sqrt(edge) / lengths[i]; /* a face turns around the edge by error / height */
     }
     for (int k = 0; k < 3; k++) along += normals[0][k] * normals[1][k];
-    if (along <= 0) return 0; /* arms on two sides of the edge */
+    if (along <= 0) return 0; /* tips on two sides of the edge */
     for (int k = 0; k < 3; k++) {
         double difference = normals[0][k] / lengths[0] - normals[1][k] / lengths[1];
         sine += difference * difference;
     }
-    return sqrt(sine) <= rounding * error;
+    return sqrt(sine) <= most(rounding * error, LEAST_ANGLE);
 }
 
 /* Whether two faces meet outside of their common corners and edge, or are folded onto each other
@@ -208,7 +208,8 @@ static int faces_meet(
     if (count == 3) return 1;
     if (count == 2) {
         int a = in_f == 3 ? 2 : in_f == 5 ? 1 : 0, b = in_g == 3 ? 2 : in_g == 5 ? 1 : 0;
-        const double *u = f[(a + 1) % 3], *v = f[(a + 2) % 3];
+        int first = one[(a + 1) % 3] < one[(a + 2) % 3] ? 1 : 2; /* whichever face comes first */
+        const double *u = f[(a + first) % 3], *v = f[(a + 3 - first) % 3];
         return folded(u, v, f[a], g[b]) ||
             (rounding > 0 && folded_flat(u, v, f[a], g[b], rounding));
     }

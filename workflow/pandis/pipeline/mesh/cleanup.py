@@ -1,4 +1,4 @@
-"""The lossless rung: weld, drop degenerate and duplicate faces, orient outward, split contacts.
+"""The lossless rung: weld, drop degenerate and duplicate faces, unfold, orient, split contacts.
 
 Each weld spans at most the tolerance, but a chain of welds may span more. Each copy of a
 split vertex moves by `PARTING` times the diagonal, so that surfaces no longer touch.
@@ -34,7 +34,9 @@ SHEETS = 0.1
 
 
 def clean(vertices, faces, tolerance=0.0):
-    """Weld vertices; drop degenerate and duplicate faces and unreferenced vertices.
+    """Weld vertices; drop degenerate, duplicate and folded faces and unreferenced vertices.
+
+    Folded faces stay if more than `SHEETS` of the area would go: then they are sheets.
 
     Parameters
     ----------
@@ -58,7 +60,13 @@ def clean(vertices, faces, tolerance=0.0):
     welded = resolve_duplicates(vertices, welded[~repeats_a_vertex(welded)])
     if not len(welded):
         return vertices, faces
-    return compact(vertices, _without_folds(vertices, flip_flat_faces(vertices, welded)))
+    faces = flip_flat_faces(vertices, welded)
+    unfolded = unfold(vertices, faces)
+    if unfolded is not faces:
+        area, least = (altitudes(vertices[some])[1].sum() for some in (unfolded, faces))
+        if area >= (1 - SHEETS) * least:
+            faces = flip_flat_faces(vertices, unfolded)
+    return compact(vertices, faces)
 
 
 def resolve_duplicates(vertices, faces):
@@ -87,16 +95,6 @@ def resolve_duplicates(vertices, faces):
         _, first = np.unique(index, return_index=True)
         stays[first[net == 0]] = True
     return _once(faces[stays])
-
-
-def _without_folds(vertices, faces):
-    """Unfold faces that lie on their neighbours, unless more than `SHEETS` of the area would go."""
-    unfolded = unfold(vertices, faces)
-    if unfolded is faces:
-        return faces
-    unfolded = resolve_duplicates(vertices, unfolded)
-    areas = [altitudes(vertices[some])[1].sum() for some in (unfolded, faces)]
-    return unfolded if areas[0] >= (1 - SHEETS) * areas[1] else faces
 
 
 def _once(faces):

@@ -3,10 +3,18 @@
 import numpy as np
 
 from pandis.pipeline.mesh.diagnosis import FLAT, altitudes
-from pandis.pipeline.mesh.topology import edges_of, folded_halves, opposite
+from pandis.pipeline.mesh.topology import (
+    edges_of,
+    face_keys,
+    folded_halves,
+    opposite,
+    rotate_to_smallest,
+)
 
 #: Flips of one edge can be followed by others at most so often.
 ROUNDS = 20
+#: A flip unfolds only what it makes smaller than this share of its area.
+_SMALLER = 1 - 1e-9
 
 
 def flip_flat_faces(vertices, faces, rounds=ROUNDS):
@@ -31,28 +39,55 @@ def flip_flat_faces(vertices, faces, rounds=ROUNDS):
 def unfold(vertices, faces, rounds=ROUNDS):
     """Flip the edges at which a face lies on its neighbour, or drop the corner between the two.
 
-    What the two cover twice encloses nothing. A flip leaves what they cover once, so the area
-    decreases with each. Where the edge that a flip would make exists, and a vertex of the folded
-    edge has only three faces, these are replaced by one.
+    Each flip makes the area smaller, and changes the volume within rounding. Where the edge that it
+    would make exists, and a vertex of the folded edge has only three faces, these are replaced by
+    one. Two faces that are opposite then are dropped.
+
+    Parameters
+    ----------
+    vertices, faces : ndarray
+        No face uses a vertex twice.
 
     Returns
     -------
     ndarray
-        The faces; the same array if none were folded.
+        The faces; the same array if none were folded, or if unfolding would open the mesh.
     """
+    before = faces
     for _ in range(rounds):
         folded = folded_halves(vertices, faces)
-        unfolded = _drop_corners(_flip(faces, folded[:, 0]), vertices) if len(folded) else faces
+        if not len(folded):
+            break
+        unfolded = _drop_corners(_flip(faces, folded[:, 0], vertices), vertices)
         if unfolded is faces:
             break
         faces = unfolded
-    return faces
+    if faces is before:
+        return before
+    faces = _without_opposite(faces)
+    return faces if (_faults(faces) <= _faults(before)).all() else before
 
 
-def _flip(faces, halves):
+def _faults(faces):
+    edges = edges_of(faces)
+    masks = edges.boundary, edges.nonmanifold, 2 * edges.forward != edges.uses
+    return np.array([mask.sum() for mask in masks])
+
+
+def _without_opposite(faces):
+    """Return the faces without the pairs on the same three vertices that look opposite ways."""
+    _, index, counts = np.unique(face_keys(faces), return_inverse=True, return_counts=True)
+    rolled = rotate_to_smallest(faces)
+    side = np.where(rolled[:, 1] < rolled[:, 2], 1, -1)
+    index = index.reshape(-1)
+    return faces[(counts != 2)[index] | (np.bincount(index, side) != 0)[index]]
+
+
+def _flip(faces, halves, vertices=None):
     """Flip the edges of half-edges where that leaves the mesh manifold.
 
-    Of edges with a common face only the first is flipped. Returns the same array if none was.
+    Of edges with a common face only the first is flipped. With ``vertices``, an edge is flipped
+    only if the area gets smaller. Returns the same array if none was flipped.
     """
     edges = edges_of(faces)
     partner = np.full(3 * len(faces), -1)
@@ -61,6 +96,11 @@ def _flip(faces, halves):
     partner[pairs] = pairs[:, ::-1]
     halves = halves[partner[halves] >= 0]
     tips = np.stack([opposite(faces, half) for half in (halves, partner[halves])], axis=1)
+    if vertices is not None:
+        ends, tip, far = edges.directed[halves].T, *tips.T
+        now = _area(vertices, *ends, tip) + _area(vertices, *ends, far)
+        then = _area(vertices, ends[0], far, tip) + _area(vertices, far, ends[1], tip)
+        halves, tips = (array[then < _SMALLER * now] for array in (halves, tips))
     flipped, touched, added = faces.copy(), set(), set()
     for half, other, (tip, far) in zip(
         halves.tolist(), partner[halves].tolist(), tips.tolist(), strict=True
@@ -73,6 +113,11 @@ def _flip(faces, halves):
         touched |= pair
         added.add(edge)
     return flipped if touched else faces
+
+
+def _area(vertices, *corners):
+    """Return the areas of faces whose corners have these indices, each (n,)."""
+    return altitudes(vertices[np.stack(corners, axis=1)])[1]
 
 
 def _drop_corners(faces, vertices):
@@ -94,6 +139,9 @@ def _drop_corners(faces, vertices):
         first = int(after[0])
         rim = [first, following[first], following.get(following[first], -1)]
         if following.get(rim[2], -1) != first or len(set(rim)) != 3:
+            continue
+        areas = altitudes(vertices[np.array([*faces[around // 3], rim])])[1]
+        if areas[3] >= _SMALLER * areas[:3].sum():
             continue
         rows[around // 3] = [rim, [-1, -1, -1], [-1, -1, -1]]
         touched |= set((around // 3).tolist())

@@ -258,7 +258,7 @@ def crossing_faces(vertices, faces, question=None, *, extent=None):
     """Return the pairs (m, 2) of faces that meet outside their shared vertices and edges, sorted.
 
     The test is exact. Faces that merely touch are included, because the closest surface is
-    ambiguous where two surfaces touch, and so are neighbours that are folded onto each other within
+    ambiguous where two surfaces touch. So are neighbours that are folded onto each other within
     rounding. Faces that use a vertex twice are left out.
 
     Parameters
@@ -282,7 +282,8 @@ def crossing_faces(vertices, faces, question=None, *, extent=None):
 
 def longest_side(vertices, faces):
     """Return the longest side of the box around the vertices that faces use."""
-    return np.ptp(vertices[used_vertices(faces)], axis=0).max(initial=0.0)
+    used = used_vertices(faces)
+    return np.ptp(vertices[used], axis=0).max() if len(used) else 0.0
 
 
 @_remembered
