@@ -305,3 +305,7 @@ def test_progress_reports_rate_and_what_is_left(monkeypatch):
     assert lines[0] == "labels: 600 of 1,000 points (60 %), 100/s, 4 s left, error 1"
     assert len(lines) == 2
     assert "(100 %)" in lines[1]
+    progress = TimedReport(lines.append, "meshes", 70, unit="meshes")
+    now[0] += 40
+    progress.update(30)
+    assert lines[2] == "meshes: 30 of 70 meshes (43 %), 0.75/s, 53 s left"

@@ -320,9 +320,10 @@ class TimedReport:
         self.last = now
         rate = (done - self.offset) / max(now - self.start, 1e-9)
         left = (self.total - done) / rate if rate > 0 else float("inf")
+        speed = f"{rate:,.0f}/s" if rate >= 10 else f"{rate:.2g}/s"
         self.log(
             f"{self.what}: {done:,.0f} of {self.total:,.0f} {self.unit} "
-            f"({100 * done / self.total:.0f} %), {rate:,.0f}/s, {left:.0f} s left"
+            f"({100 * done / self.total:.0f} %), {speed}, {left:.0f} s left"
             + (f", {note}" if note else "")
         )
 
