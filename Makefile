@@ -8,6 +8,8 @@ PYTHON ?= python3
 JOBS ?= 2
 RUN ?= default
 BIN := .venv/bin
+# Hundreds of processes import the same modules: each would compile them anew.
+unexport PYTHONDONTWRITEBYTECODE
 
 .PHONY: all check test test-slow test-full lint docs figures wasm release clean
 

@@ -105,7 +105,12 @@ MESHES = {
 }
 
 
-@pytest.fixture(params=MESHES)
+#: Tests of these take longest.
+LARGE = "fan", "coarse"
+
+
+@pytest.fixture(params=[pytest.param(name, marks=[pytest.mark.slow] * (name in LARGE))
+                        for name in MESHES])  # fmt: skip
 def case(request):
     """Return a mesh on the lattice, its bits, and the exact distance to it."""
     (vertices, faces), bits = MESHES[request.param][0](), MESHES[request.param][1]
@@ -204,6 +209,7 @@ def test_random_tetrahedra_have_no_wrong_side():
         assert np.array_equal(distance < 0, engine.inside(points))
 
 
+@pytest.mark.slow
 def test_a_surface_that_the_lattice_folds_keeps_its_sides():
     """Needles lower than a step turn over and cross others; far away nothing may come of it."""
     vertices, faces = hull(60_000, 7)
@@ -218,6 +224,7 @@ def test_a_surface_that_the_lattice_folds_keeps_its_sides():
     assert np.abs(distance[wrong]).max(initial=0) < 3 * step_of(10)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("body", ["hull", "fan"])
 def test_faces_that_look_the_wrong_way_are_those_with_points_on_the_wrong_side(body, monkeypatch):
     """Eight points of a short face share one walk; one by one they tell the same."""
@@ -330,6 +337,7 @@ def test_wrong_sides_are_refused_with_their_number(monkeypatch):
         build_compact(Body(vertices, faces, UNIT), 16, 0, log=lambda text: None)
 
 
+@pytest.mark.slow
 def test_blocks_are_full_and_bytes_few():
     vertices, faces = hull(20_000, 6)
     arrays, record = build_compact(Body(vertices, faces, UNIT), 16, 0, log=lambda text: None)
@@ -339,6 +347,7 @@ def test_blocks_are_full_and_bytes_few():
     assert all(arrays[name].tobytes() == again[name].tobytes() for name in arrays)
 
 
+@pytest.mark.slow
 def test_a_query_that_has_too_much_to_look_at_is_cut_and_says_so():
     """Around the middle of a ball all faces are about equally near: flagged, and bounded."""
     vertices, faces = hull(60_000, 8)
@@ -364,6 +373,7 @@ def test_a_query_that_has_too_much_to_look_at_is_cut_and_says_so():
     assert np.array_equal(field.clear(near), np.abs(distance))
 
 
+@pytest.mark.slow
 def test_around_a_corner_of_very_many_faces_the_limit_is_larger():
     """The boxes of all faces hold it: what is cut there is wrong by the size of the object."""
     body = Body(*cone(2000), UNIT)
@@ -414,6 +424,7 @@ def test_of_a_cut_answer_the_first_face_on_the_way_tells_the_side():
     assert (distance > 0).all()  # the middle is a cavity
 
 
+@pytest.mark.slow
 def test_the_export_is_checked_where_it_is_cut_too():
     """A ball so fine that its middle is cut is exported; one of another lattice is refused."""
     vertices, faces = hull(40_000, 10)

@@ -65,6 +65,7 @@ def test_the_suite_fails_every_damage(body, damaged):
     assert {name for name in passed if not edges_alone(name)} == set()
 
 
+@pytest.mark.slow
 def test_a_proxy_feels_walls_without_force(body, damaged):
     """What lacks the force on thin walls lets a proxy through them."""
     suite = Suite(body, SCALE, StressOptions(ticks=2000, loops=4), seed=0)

@@ -399,6 +399,7 @@ def test_wrong_options_are_refused(folder, tmp_path, options, message):
     assert not (tmp_path / "parts.zarr").exists()
 
 
+@pytest.mark.slow
 def test_an_index_is_not_read_over_newer_shards(folder, tmp_path):
     """Otherwise a mesh that was added would answer for its neighbour."""
     store, _ = label(folder, tmp_path / "parts.zarr")
@@ -427,6 +428,7 @@ def test_a_worker_whose_parent_has_died_writes_nothing(folder, tmp_path):
     assert (process.returncode, output.exists()) == (1, False)
 
 
+@pytest.mark.slow
 def test_a_store_that_is_built_anew_is_not_read_on_by_other_processes(folder, tmp_path):
     store, _ = label(folder, tmp_path / "parts.zarr")
     store.rows("box")

@@ -109,6 +109,7 @@ def test_arrays_without_a_surface_are_refused(function):
         function((vertices, faces))
 
 
+@pytest.mark.slow
 def test_the_callers_process_stays_as_it_is():
     """From several threads, too: the stages run in it, and set what a process of theirs would."""
 
@@ -198,6 +199,7 @@ PLANTED = (
 )  # fmt: skip
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", PLANTED)
 def test_every_planted_fault_is_named(kind):
     """Whatever else it causes: with its place, where faults have one."""

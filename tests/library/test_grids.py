@@ -353,6 +353,7 @@ def error_of(made, body):
     return np.linalg.norm(force - penalty_force(distance, normal), axis=1).mean()
 
 
+@pytest.mark.slow
 def test_a_spline_has_no_step_however_deep_a_probe_is_pressed(smooth):
     """To where a device of 3.3 N holds against it: 8.25 mm of 10 cm, in steps of 0.028 mm."""
     surface = smooth.surface
@@ -370,6 +371,7 @@ def test_a_spline_has_no_step_however_deep_a_probe_is_pressed(smooth):
     assert np.abs(answer.distance + np.tile(depth, 60)).max() < 6e-3  # 3 %
 
 
+@pytest.mark.slow
 def test_next_to_a_crease_an_answer_is_carried_down_from_above():
     """On a box: a spline rounds the turn between two walls, and some of that is undone."""
     box = Body(*SHAPES["box"].tessellation())
@@ -395,6 +397,7 @@ def test_next_to_a_crease_an_answer_is_carried_down_from_above():
     assert change.max() < 30 * 0.02 / 100
 
 
+@pytest.mark.slow
 def test_splines_fit_their_bytes_and_get_better_with_them(smooth):
     errors = []
     for budget in (60_000, 120_000, 240_000):
@@ -409,6 +412,7 @@ def test_a_spline_beats_the_dense_grid_of_its_bytes(smooth):
     assert error_of(spline_field(smooth, 60_000), smooth) < 0.7 * error_of(dense, smooth)
 
 
+@pytest.mark.slow
 def test_integers_cost_next_to_nothing(smooth, monkeypatch):
     rounded = error_of(spline_field(smooth, 120_000), smooth)
     monkeypatch.setattr(splines, "quantise", lambda values, kind: (values, [0.0, 1.0]))

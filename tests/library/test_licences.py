@@ -26,6 +26,7 @@ print(len(names), *sys.modules)
 """
 
 
+@pytest.mark.slow
 def test_no_module_imports_what_is_under_the_gpl():
     done = subprocess.run(
         [sys.executable, "-c", IMPORTS], env=environment(), capture_output=True, text=True,

@@ -146,6 +146,7 @@ def test_a_contact_point_is_held_on_its_side_of_a_thin_plate():
     assert (np.diff(force[:, 2]) >= -1e-9).all()
 
 
+@pytest.mark.slow
 def test_contact_points_need_a_field_that_knows_the_outside():
     with pytest.raises(ValueError, match="trilinear-64 has no distances outside"):
         parse_field("salisbury-trilinear-64", ())

@@ -142,6 +142,7 @@ def test_a_file_is_read_as_it_was_meant_or_refused_with_its_place(case, tmp_path
     assert not all(wrong(found, right) for right in answers), [wrong(found, r) for r in answers]
 
 
+@pytest.mark.slow
 def test_lines_of_an_obj_that_are_read_in_runs_mean_what_they_mean_one_by_one(tmp_path):
     """No run contains a line that begins with a space."""
     rng, path = np.random.default_rng(0), tmp_path / "runs.obj"

@@ -328,6 +328,7 @@ def test_a_sheet_is_refused_and_made_a_wall_on_request():
 # --- the last rungs ------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_remesh_closes_what_no_other_rung_can():
     """A fin inside, a hole, a part turned: only the winding number still knows the inside."""
     vertices, faces = ball(4)
@@ -476,6 +477,7 @@ def test_shift_and_scale_change_nothing():
         assert np.array_equal(fixed_faces, reference)
 
 
+@pytest.mark.slow
 def test_the_same_bytes_again():
     two = copies(ball(3), ball(3, centre=(1.0, 0.1, 0)))
     first, again = (fix(*two) for _ in range(2))

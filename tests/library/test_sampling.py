@@ -210,6 +210,7 @@ def path_of(body, **options):
     return trace(body, TrajectoryOptions(**options), 3, progress=silent_progress)[0]
 
 
+@pytest.mark.slow
 def test_trajectory_is_exact_smooth_and_of_the_depth_asked_for(torus):
     found = path_of(torus)
     points, distance, normal = (found[k] for k in ("points", "distance", "normal"))
@@ -251,6 +252,7 @@ def test_a_path_follows_the_thickness_of_what_is_too_thin_for_it(name):
         assert attributes["followed"]
 
 
+@pytest.mark.slow
 def test_depths_that_no_part_has_room_for_follow_it_too():
     vertices, faces = box_mesh()
     thin = Body(vertices * [0.9, 0.9, 0.005], faces, UNIT)

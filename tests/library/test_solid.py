@@ -449,6 +449,7 @@ def crossing_triangles(count, seed):
     return vertices, np.arange(3 * count).reshape(-1, 3)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("count", "seed", "apart_twice"), [(30, 3, True), (40, 7, True),
                                                             (40, 5, False)])  # fmt: skip
 def test_all_that_changed_is_judged_again(count, seed, apart_twice, monkeypatch):
@@ -534,6 +535,7 @@ def test_rims_are_closed_loops_that_use_each_edge_once():
     assert sorted(sorted(loop.tolist()) for loop in loops) == [[0, 1, 2], [2, 3, 4, 5]]
 
 
+@pytest.mark.slow
 def test_the_same_bytes_whatever_the_number_of_threads():
     code = """if True:
         import hashlib, sys, numpy as np, trimesh
@@ -578,6 +580,7 @@ def test_a_refusal_recommends_a_solid_that_works():
     assert capped.rungs[-1] == "fill"
 
 
+@pytest.mark.slow
 def test_pieces_that_an_exact_repair_would_leave_out_are_part_of_a_solid():
     box = trimesh.creation.box((1, 1, 1))
     sheet = trimesh.Trimesh([[2, 0, 0], [3, 0, 0], [3, 1, 0]], [[0, 1, 2]])
@@ -594,6 +597,7 @@ def test_an_exact_repair_comes_before_a_solid():
     assert np.array_equal(whole.vertices, box.vertices)
 
 
+@pytest.mark.slow
 def test_exact_repairs_have_a_budget_of_time():
     box = trimesh.creation.box((1, 1, 1)).subdivide().subdivide()
     mesh = quiet(without(box, [5]), solid="always", solid_after=0)
@@ -603,6 +607,7 @@ def test_exact_repairs_have_a_budget_of_time():
     }
 
 
+@pytest.mark.slow
 def test_the_faces_that_close_a_solid_are_its_caps():
     """They are the faces over the missing top of a box, and no others."""
     mesh = quiet(open_box(), solid="always", solid_after=0)

@@ -329,6 +329,7 @@ def test_a_walk_stays_in_the_box_and_goes_at_its_pace():
     assert (path.max(axis=0) > 0.5).all()
 
 
+@pytest.mark.slow
 def test_same_seed_same_figures(sphere):
     again = Suite(sphere.body, SCALE, OPTIONS, seed=0)
     field = grid("tricubic", "distance", 24)

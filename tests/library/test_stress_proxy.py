@@ -83,6 +83,7 @@ WRONG = {
 }  # fmt: skip
 
 
+@pytest.mark.slow
 def test_the_exact_sphere_passes_everything(sphere, field):
     _, attributes = stress([field], [], sphere, count=1, progress=silent_progress)
     assert attributes["proxies_failed"] == {"exact": []}

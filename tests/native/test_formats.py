@@ -49,6 +49,7 @@ def cooked(body, monkeypatch):
     return made
 
 
+@pytest.mark.slow
 def test_a_file_for_newton_holds_mesh_options_and_provenance(cooked, body, tmp_path):
     """Newton finds the distances by the name that it makes of the mesh that is in the file."""
     data, lines = cooked()
@@ -127,6 +128,7 @@ def test_what_is_no_file_for_newton_is_said(tmp_path):
     assert not (tmp_path / "cache").exists()
 
 
+@pytest.mark.slow
 def test_a_volume_has_a_grid_for_each_field(files):
     lines, log = said()
     paths = [files[name] for name in ("exact", "nearest", "spline", "tricubic")]
@@ -143,6 +145,7 @@ def test_a_volume_has_a_grid_for_each_field(files):
         volumes.export_volumes([files["nearest"]], log)
 
 
+@pytest.mark.slow
 def test_a_volume_whose_deep_inside_is_outside_is_refused(files, monkeypatch):
     """Where it holds no voxels, and only a side is said."""
     monkeypatch.setattr(volumes, "ALONG", 400)

@@ -97,6 +97,7 @@ def test_what_is_kept_of_a_spline_changes_no_bit(files):
     assert (wanted.flag == 0).sum() > 300
 
 
+@pytest.mark.slow
 def test_files_that_share_a_place_in_a_thread_keep_their_own_cells(files, tmp_path):
     """More files than a thread keeps, asked in turns at the same points."""
     data, models = files["spline"].read_bytes(), []

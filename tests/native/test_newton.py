@@ -219,6 +219,7 @@ def test_newtons_own_bake_has_the_same_blocks(tmp_path):
     assert ours[0] == pytest.approx(others[0], abs=2 * faceted)
 
 
+@pytest.mark.slow
 def test_the_program_of_the_page_runs(tmp_path, monkeypatch):
     """Up to where Newton reads the file, which it does on a GPU alone."""
     newton = pytest.importorskip("newton", reason="no Newton here: pip install newton==1.8.0")

@@ -51,6 +51,7 @@ def presses_on(count, device, seed=0, thick=THICK, above=ABOVE):
     return draw((feet, outward), spec, stiffness, slant=0.4, rng=rng, above=above)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("device", ["touch", "omega-3"])
 def test_a_plate_lets_no_proxy_through_and_every_penalty_force(plate, device):
     fields, oracle = plate

@@ -157,6 +157,7 @@ def test_every_tick_sees_one_whole_frame_while_another_thread_gives(files):
     assert len(seen) > 5
 
 
+@pytest.mark.slow
 def test_forces_among_moving_objects_are_those_of_each_alone(files):
     """To the last bit, in scenes that skip, with proxies and without."""
     names, count, rng = ("sphere", "exact", "spline"), 60, np.random.default_rng(8)

@@ -159,6 +159,7 @@ def test_what_is_sent_is_what_was_found_safe_for_the_proxy(libraries, files, mon
     assert [isinstance(scene, TouchedScene) for scene in scenes] == [True, False]
 
 
+@pytest.mark.slow
 def test_a_whole_validation_arms_with_the_proxys_own_figure(libraries, files, ball):
     truth, way = ball
     field, options = (

@@ -269,6 +269,7 @@ def test_a_limit_has_a_margin_of_two(needed):
     assert 2 * needed <= limit <= max(1000, 4 * needed)
 
 
+@pytest.mark.slow
 def test_one_small_corner_of_a_large_mesh_makes_the_limit_larger():
     """Of 160,000 vertices one is the middle of such a fan; no point drawn by area comes near it."""
     ball, small = trimesh.creation.icosphere(subdivisions=7, radius=0.7), cone(1500)

@@ -367,6 +367,7 @@ def compiled(tmp_path, header, points):
     return done.stdout
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not shutil.which("gcc"), reason="no gcc here")
 def test_the_header_of_a_scene_compiles_and_answers_the_same(tried, tmp_path):
     _, arrays, attributes, _ = tried

@@ -61,6 +61,7 @@ def checked(text, folder):
     return [line for line in done.stdout.splitlines() if "error:" in line]
 
 
+@pytest.mark.slow
 def test_a_type_checker_knows_the_answers_and_tells_wrong_use(tmp_path):
     """A program without a fault passes the strictest check, and each fault is found in its line."""
     assert (ROOT / "workflow/pandis/py.typed").exists()

@@ -56,6 +56,7 @@ def pressed(name, files, surface, device="touch", stiffness=400.0, feel=None, **
     return press(field, spec, surface, setup=setup, feel=feel)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["exact", "spline", "tricubic"])
 def test_a_proxy_is_safe_up_to_what_a_penalty_force_is(name, files, surface):
     for device in ("touch-x", "omega-3"):
@@ -67,6 +68,7 @@ def test_a_proxy_is_safe_up_to_what_a_penalty_force_is(name, files, surface):
         assert all(with_it.hands[hand] >= most for hand, most in without.hands.items())
 
 
+@pytest.mark.slow
 def test_an_exact_surface_is_safe_on_every_device(files, surface):
     for device, spec in DEVICES.items():
         found = pressed("exact", files, surface, device)
@@ -132,6 +134,7 @@ def test_the_verdict_is_the_same_again(files, surface):
     assert pressed("tricubic", files, surface) == pressed("tricubic", files, surface)
 
 
+@pytest.mark.slow
 def test_every_device_is_named(files, surface):
     options = task(devices=["touch", "falcon"])
     found = press_devices(NativeField(files["torus"]), surface, WHOLE, options=options)
@@ -171,6 +174,7 @@ def test_a_slow_machine_is_told_what_to_do():
     assert "Do not use it: on 2.00% of the surface the force is missing" in gone
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["plate-2", "finned-ball", "blade", "cage"])
 def test_no_control_passes_the_hardware_verdict(name):
     """A field of no force was called “pass … it keeps still and gives no energy”."""

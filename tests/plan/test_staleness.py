@@ -113,6 +113,7 @@ def test_what_drives_a_device_makes_stale_what_is_tried_on_one(tree):
     assert not found & {"mesh", "sample", "train", "bake", "export_native", "evaluate"}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("module", "field", "other"),
     [
@@ -133,6 +134,7 @@ def test_a_kind_makes_stale_what_asks_it_without_a_file(tree, module, field, oth
     assert stale(tree, *change, shared) == stale(tree, *change, {"fields": [field]})
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", ["compact", "grid", "spline", "network"])
 def test_of_a_kind_what_builds_and_what_exports_are_apart(tree, kind):
     """Training for hours does not depend on how a file is laid out."""

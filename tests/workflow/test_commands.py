@@ -90,6 +90,7 @@ def test_several_meshes_end_with_a_table_and_the_worst_status(tmp_path, capsys):
     assert second["option"] == {"solid": "always"}
 
 
+@pytest.mark.slow
 def test_compare_says_which_order_it_takes(tmp_path, capsys):
     box(tmp_path)
     assert typed("field", "part.ply", "--kind", "exact") == FINE
@@ -186,6 +187,7 @@ def test_a_reader_that_goes_away_is_no_error(tmp_path):
         assert (running.wait(), error) == (0, "")
 
 
+@pytest.mark.slow
 def test_compare_tells_by_its_status_whether_a_field_is_fit(tmp_path, capsys):
     box(tmp_path)
     assert typed("field", "part.ply", "--quiet") == FINE

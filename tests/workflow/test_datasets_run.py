@@ -33,6 +33,7 @@ def write_meshes(folder, count=4):
     (folder / "none.stl").write_bytes(b"solid nothing\nendsolid nothing\n")
 
 
+@pytest.mark.slow
 def test_the_command_writes_a_store_and_says_what_failed(tmp_path, capsys, monkeypatch):
     monkeypatch.chdir(tmp_path)
     write_meshes(tmp_path / "meshes", 1)
