@@ -17,13 +17,13 @@ all: .venv/installed
 	$(BIN)/snakemake -j$(JOBS) all
 
 test: lint
-	$(BIN)/pytest -n $(JOBS) --maxschedchunk 1 --durations 20
+	$(BIN)/pytest -n $(JOBS) --dist loadfile --durations 20
 
 test-slow: .venv/installed
 	$(BIN)/pytest -n $(JOBS) --maxschedchunk 1 --durations 20 -m "slow and not full"
 
 check: lint
-	$(BIN)/pytest -n $(JOBS) --maxschedchunk 1 tests/plan
+	$(BIN)/pytest -n $(JOBS) --dist loadfile tests/plan
 
 test-full: lint
 	$(BIN)/pytest -m "" -n $(JOBS) --dist worksteal --durations 15 $(if $(PART),--part $(PART))
