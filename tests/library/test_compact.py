@@ -104,8 +104,7 @@ MESHES = {
     "coarse": (lambda: hull(20_000, 3), 10),
 }
 
-
-#: Tests of these take longest.
+#: The meshes whose tests take longest.
 LARGE = "fan", "coarse"
 
 

@@ -80,7 +80,7 @@ def test_rounding_decides_whether_folded_faces_cross():
 
 @pytest.mark.parametrize("seed", range(4))
 def test_a_knife_edge_is_refused_or_has_right_signs(seed):
-    """Its angle goes through all sizes: wherever it is accepted, no point has the wrong sign."""
+    """For angles from 0.1 to 1e-16: where the mesh is accepted, no point has the wrong sign."""
     accepted = []
     for exponent in np.arange(1, 17, 0.5):
         thick = 10**-exponent
@@ -98,7 +98,7 @@ def test_a_knife_edge_is_refused_or_has_right_signs(seed):
 
 @pytest.mark.parametrize("width", [1e-2, 1e-3, 1e-4, 1e-5])
 def test_a_thin_flat_needle_has_no_folds(width):
-    """Slivers have a large rounding error, but no larger than a thousandth of a right angle."""
+    """The angles of a sliver have large rounding errors, but are larger still."""
     base = width * np.array([[-0.5, 0, 0], [0.5, 0, 0], [0, 1e-3, 0]])
     faces = np.array([[0, 2, 1], [0, 1, 3], [1, 2, 3], [2, 0, 3]])
     for seed in range(4):

@@ -9,8 +9,9 @@ import numpy as np
 from pandis.base.errors import PandisError
 from pandis.engine.compiler import load
 
-#: Neighbours are folded flat if the angle between them is at most so many times its rounding error.
-_FOLDED = 64
+#: Two faces with a common edge are folded onto each other if the angle between them is at most this
+#: multiple of its rounding error.
+_FOLD_TOLERANCE = 64
 
 
 @cache
@@ -57,7 +58,7 @@ def crossings(vertices, faces, question=None, *, extent=0.0):
 
 
 def _scaled(vertices, indices, extent):
-    """Return vertices at a size at which products fit, and the error of folds at that size."""
+    """Return vertices, scaled so that products fit, and the tolerance of folds at that scale."""
     used = np.zeros(len(vertices), bool)
     used[indices.reshape(-1)] = True
     # a power of two rounds nothing; at this size, products neither overflow nor underflow
@@ -67,7 +68,7 @@ def _scaled(vertices, indices, extent):
     power = 200 - int(np.frexp(size)[1])
     with np.errstate(over="ignore"):  # of vertices that no face uses
         places = np.ascontiguousarray(np.ldexp(vertices, power))
-    return places, float(np.ldexp(_FOLDED * np.finfo(np.float64).eps * extent, power))
+    return places, float(np.ldexp(_FOLD_TOLERANCE * np.finfo(np.float64).eps * extent, power))
 
 
 def folded(vertices, corners, *, extent):

@@ -28,8 +28,8 @@ static int64_t search(Search *s, int32_t count) {
 
 /* Find the pairs of faces that meet outside of their common corners and edges, or are folded onto
  * each other if coordinates have an error of `rounding`, of which at least one is in question (all
- * if NULL). Sets `pairs`, to be freed by faces_free, and returns their
- * number, or -1 if memory is short. `count` is at least 1. */
+ * if NULL). Sets `pairs`, to be freed by faces_free, and returns their number, or -1 if memory is
+ * short. `count` is at least 1. */
 int64_t faces_crossings(const double *places, const int32_t *faces, int32_t count,
     const uint8_t *question, double rounding, int32_t **pairs) {
     Search s = {.places = places, .faces = faces, .question = question, .rounding = rounding};

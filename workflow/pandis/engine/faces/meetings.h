@@ -163,8 +163,8 @@ static int folded(const double *u, const double *v, const double *a, const doubl
     return 0;
 }
 
-/* Least angle between faces. Within the coordinates' rounding error divided by the angle, measured
- * from the edge, which of two faces is nearest is noise. */
+/* Least angle between two faces with a common edge. Nearer to that edge than the coordinates'
+ * rounding error divided by the angle, rounding decides which of the two is closest. */
 #define LEAST_ANGLE 1e-10
 
 /* Whether two triangles u, v, a and u, v, b are so folded that the angle between them is within its

@@ -63,8 +63,8 @@ def clean(vertices, faces, tolerance=0.0):
     faces = flip_flat_faces(vertices, welded)
     unfolded = unfold(vertices, faces)
     if unfolded is not faces:
-        area, least = (altitudes(vertices[some])[1].sum() for some in (unfolded, faces))
-        if area >= (1 - SHEETS) * least:
+        after, before = (altitudes(vertices[some])[1].sum() for some in (unfolded, faces))
+        if after >= (1 - SHEETS) * before:
             faces = flip_flat_faces(vertices, unfolded)
     return compact(vertices, faces)
 

@@ -11,9 +11,9 @@ from pandis.pipeline.mesh.topology import (
     rotate_to_smallest,
 )
 
-#: Flips of one edge can be followed by others at most so often.
+#: Maximum number of rounds: a flip can make another one necessary.
 ROUNDS = 20
-#: A flip unfolds only what it makes smaller than this share of its area.
+#: Unfolding flips an edge only if the area of its two faces falls below this share of what it was.
 _SMALLER = 1 - 1e-9
 
 
