@@ -51,6 +51,14 @@ def pytest_collection_modifyitems(config, items):
     items.sort(key=place)
 
 
+@pytest.fixture(autouse=True)
+def _folder_restored():
+    """A test that changes the working directory changes it back: later ones start from it."""
+    here = os.getcwd()
+    yield
+    assert os.getcwd() == here, "the test has changed the working directory"
+
+
 @pytest.fixture
 def workspace(tmp_path):
     """A fresh copy of the workflow without results."""

@@ -229,13 +229,16 @@ def test_a_killed_call_goes_on_where_it_was(folder, tmp_path):
         "import sys, pandis\n"
         f"pandis.label_meshes({str(folder)!r}, {str(path)!r}, workers=1, **{FEW!r})\n"
     )
-    process = subprocess.Popen([sys.executable, "-c", program], env=environment())
+    process = subprocess.Popen(
+        [sys.executable, "-c", program], env=environment(PYTHONPATH=str(ROOT / "workflow"))
+    )
     work = path / "shards/.resume/00000-of-00001"
     while process.poll() is None and len(list(work.glob("*.npz"))) < 3:
         time.sleep(0.01)
     process.send_signal(signal.SIGKILL)
-    process.wait()
+    assert process.wait() == -signal.SIGKILL
     done = len(list(work.glob("*.npz")))
+    assert done >= 3
     store, computed = label(folder, path)
     assert computed == 10 - done
     assert len(store.names) == 9

@@ -206,7 +206,7 @@ def test_a_run_notices_what_verify_does(workspace):
     assert ("mesh", "part") in plan(workspace, CONFIG, ["meshes"])
 
 
-def test_sources_are_their_files_and_those_they_name(tmp_path):
+def test_sources_are_their_files_and_those_they_name(tmp_path, monkeypatch):
     vertices, faces = box_mesh()
     mesh = write_obj(tmp_path / "a.obj", vertices, faces)
     mesh.write_text("mtllib a.mtl\n" + mesh.read_text())
@@ -214,7 +214,7 @@ def test_sources_are_their_files_and_those_they_name(tmp_path):
     (tmp_path / "wood.png").write_bytes(b"brown")
     assert [path.name for path in source_files(mesh)] == ["a.obj", "a.mtl", "wood.png"]
     digests = SourceDigests(tmp_path / "memory.json")
-    os.chdir(tmp_path)
+    monkeypatch.chdir(tmp_path)
     first = digests.of("a.obj")
     assert first == source_digest(source_files(mesh))
     assert digests.files(mesh) == source_files(mesh)
