@@ -11,7 +11,8 @@ from pandis.pipeline.geometry.measure import SETS, ContactSet
 from pandis.pipeline.geometry.shares import Probes
 from pandis.pipeline.judge.errors.errors import UNNORMALISED, evaluate, statistics
 from pandis.pipeline.judge.servo.load import busy_cores
-from pandis.pipeline.judge.servo.validation import NO_ATTACHED, _longest_run, validate
+from pandis.pipeline.judge.servo.ticks import _longest_run, validate
+from pandis.pipeline.judge.servo.validation import NO_ATTACHED
 from pandis.pipeline.judge.timing.timing import summarise, time_queries
 from pandis.pipeline.kinds.field import Field
 from pandis.pipeline.report.tables import COLUMNS, summary_rows, to_csv

@@ -18,8 +18,9 @@ from pandis.pipeline.judge.servo.proxies import (
     Truth,
     feel_for,
     felt_again,
+    time_proxy,
     touch_device,
-    try_proxy,
+    touch_devices,
 )
 from pandis.pipeline.judge.servo.validation import _attached, _Felt
 from pandis.pipeline.judge.servo.verdict import paragraph, proxy_sentence, proxy_verdict
@@ -73,16 +74,18 @@ def test_a_ball_lets_no_hand_through_and_a_smaller_one_does(files, ball):
     truth, way = ball
     field = NativeField(files["sphere"])
     options = task(devices=["touch", "omega-3"], stiffness=100.0)
-    found = try_proxy(field, Feel(), PLAIN, path=way, truth=truth, options=options)
+    found = time_proxy(field, Feel(), PLAIN, path=way, options=options)
     assert found.in_time
     assert 0 < found.queries["p50"] <= 4
-    for name, device in found.devices.items():
+    devices = touch_devices(field, Feel(), truth, options=options)
+    assert list(devices) == options.devices
+    for name, device in devices.items():
         assert device.presses == 6
         assert (device.passes, device.verdict) == (0, "pass")
         assert device.safe_n_m > 1e3 or device.safe_n_m == DEVICES[name].stiffness
         assert "no wall lets it through in 6 presses" in device.sentence
     # the omega's 12 N are more than the ball's 5 cm hold at 100 N/m, the Touch's 3.3 N are not
-    assert [device.penalty_passes for device in found.devices.values()] == [0, 6]
+    assert [device.penalty_passes for device in devices.values()] == [0, 6]
     # the mesh is a larger ball: 0.5 mm deep is a pass, unless the field's own error is as large
     judge = Oracle(truth.oracle.vertices * 1.01, truth.oracle.faces)
     for feet, passes in ((np.empty((0, 3)), 6), (1.01 * truth.feet, 0)):
@@ -93,9 +96,8 @@ def test_a_ball_lets_no_hand_through_and_a_smaller_one_does(files, ball):
 
 
 def test_a_proxy_that_a_wall_lets_through_arms_nothing(ball, files):
-    truth, way = ball
     field, options = NativeField(files["sphere"]), task(devices=["touch"])
-    found = try_proxy(field, Feel(), PLAIN, path=way, truth=truth, options=options).devices["touch"]
+    found = touch_device("touch", field, Feel(), truth=ball[0], options=options)
     spec = DEVICES["touch"]
     assert stiffness_for(400.0, spec, Safety(found, WHOLE)) == (pytest.approx(0.7 * 400), "")
     through = changed(found, passes=1)
@@ -109,21 +111,21 @@ def test_a_proxy_that_a_wall_lets_through_arms_nothing(ball, files):
 
 
 def test_a_proxy_that_touched_nothing_is_not_called_in_time(ball, files):
-    truth, way = ball
+    way = ball[1]
     field, options = NativeField(files["sphere"]), task(devices=[])
     beside = way + 10 * np.abs(way).max()
-    found = try_proxy(field, Feel(), PLAIN, path=beside, truth=truth, options=options)
+    found = time_proxy(field, Feel(), PLAIN, path=beside, options=options)
     assert (found.touching_share, found.in_time) == (0.0, False)
     assert "touched nothing" in paragraph(SOUND, {}, options, proxy=found)
 
 
 def test_without_the_file_that_knows_its_materials_a_proxy_is_refused(ball, files, tmp_path):
     """Felt again on a device, it would rub everywhere as its first material does."""
-    truth, way = ball
+    way = ball[1]
     field, options = NativeField(files["sphere"]), task(devices=[])
     rubber, steel = {"sticking": 0.9, "sliding": 0.7}, {"sticking": 0.1, "sliding": 0.1}
     made = Surfaces({"the surface": rubber}, {})
-    one = try_proxy(field, Feel(), made, path=way, truth=truth, options=options)
+    one = time_proxy(field, Feel(), made, path=way, options=options)
     (same,) = felt_again(field, one, SIZE, folder=tmp_path).materials
     assert (same.sticking, same.sliding) == (0.9, 0.7)
     two = one.model_copy(update={"materials": {"rubber": rubber, "steel": steel}})
@@ -167,7 +169,7 @@ def test_a_whole_validation_arms_with_the_proxys_own_figure(libraries, files, ba
         task(devices=[], seconds=0.05, attached={"library": str(libraries[0])}),
     )
     feel = Feel()
-    verdict = try_proxy(field, feel, PLAIN, path=way, truth=truth, options=options)
+    verdict = time_proxy(field, feel, PLAIN, path=way, options=options)
     assert verdict.devices == {}
     felt = _Felt(feel, verdict, truth)
     _, found = _attached(field, truth.surface, SOUND, devices={}, options=options, felt=felt)

@@ -160,8 +160,8 @@ def felt_again(field, verdict, size, *, folder):
     return Feel(verdict.radius, materials, beside, verdict.budget, texture)
 
 
-def try_proxy(field, feel, surfaces, *, path, truth, options):
-    """Test a field through a proxy.
+def time_proxy(field, feel, surfaces, *, path, options):
+    """Time a field's proxy along a path; no device has touched it yet.
 
     Parameters
     ----------
@@ -170,7 +170,6 @@ def try_proxy(field, feel, surfaces, *, path, truth, options):
         From `feel_for`.
     path : ndarray, shape (n, 3), m
         Path of the probe, one point per tick, starting outside.
-    truth : Truth
     options : pandis.pipeline.run.ask.tasks.ValidateTask
 
     Returns
@@ -200,11 +199,16 @@ def try_proxy(field, feel, surfaces, *, path, truth, options):
         in_time=bool(touching and missed <= options.misses),
         touching_share=touching,
         behind_share=float(((touches.state & BEHIND) > 0).mean()),
-        devices={
-            name: touch_device(name, field, feel, truth=truth, options=options)
-            for name in options.devices
-        },
+        devices={},
     )
+
+
+def touch_devices(field, feel, truth, *, options):
+    """Press every configured device through a proxy; return verdicts by its name."""
+    return {
+        name: touch_device(name, field, feel, truth=truth, options=options)
+        for name in options.devices
+    }
 
 
 def touch_device(name, field, feel, *, truth, options):

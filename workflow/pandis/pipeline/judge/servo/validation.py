@@ -2,6 +2,7 @@
 
 import hashlib
 import json
+from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
@@ -9,23 +10,26 @@ import numpy as np
 from pandis.base.forces import force_of
 from pandis.base.frame import UNIT_SIDE, Frame
 from pandis.base.physical import Scale
+from pandis.engine.threads import thread_count
 from pandis.pipeline.geometry.shares import missing
 from pandis.pipeline.judge.servo.attached import Safety, Span, run_attached
 from pandis.pipeline.judge.servo.devices import DEVICES
-from pandis.pipeline.judge.servo.load import busy_cores
 from pandis.pipeline.judge.servo.passes import Oracle
 from pandis.pipeline.judge.servo.pressing import Setup, contact, press
 from pandis.pipeline.judge.servo.proxies import (
     Truth,
     feel_for,
     regions_among,
+    time_proxy,
     touch_device,
-    try_proxy,
+    touch_devices,
 )
-from pandis.pipeline.judge.servo.verdict import device_sentence, judge, machine_verdict, paragraph
-from pandis.pipeline.judge.servo.walls import compare, faults, open_walls
+from pandis.pipeline.judge.servo.ticks import late_share, microseconds, tick_count, validate
+from pandis.pipeline.judge.servo.verdict import device_sentence, judge, paragraph
+from pandis.pipeline.judge.servo.walls import compare, open_walls
 from pandis.pipeline.kinds.exported import ExportedField
 from pandis.pipeline.kinds.field import ExactField
+from pandis.pipeline.run.host.processes import each
 from pandis.pipeline.run.job.machine import describe, governor
 from pandis.pipeline.run.records.hardware import (
     DeviceVerdict,
@@ -33,20 +37,16 @@ from pandis.pipeline.run.records.hardware import (
     HardwareRecord,
     ProxyVerdict,
     ServoVerdict,
-    Ticks,
 )
 from pandis.runtime.contact import Feel
 from pandis.runtime.contact.surfaces import unknown_materials
 from pandis.runtime.field import NativeField
 from pandis.runtime.servo import run_ticks
 
-#: Largest permitted difference from the evaluated forces (unit frame, k = 1).
-AGREEMENT = 2e-5
 #: Largest share of its period that a tick may take, whatever the deadline.
 WITHIN = 0.8
 #: The probe begins _OUTSIDE above the surface (unit frame), and approaches in _WAY ticks.
 _OUTSIDE, _WAY = 0.05, 50
-_LEVELS = {"p50": 50, "p99": 99, "p99.9": 99.9, "max": 100}
 
 NO_ATTACHED = "No haptic device was attached."
 WHAT_RAN = (
@@ -64,7 +64,7 @@ ONCE = "Between ticks the loop made no queries (hardware.ask_again is false)."
 
 
 def validate_exports(exports, body, *, trajectory, evaluation, options, context):
-    """Validate all exported fields of a mesh, one after the other.
+    """Validate all exported fields of a mesh; each is timed with nothing beside it.
 
     Parameters
     ----------
@@ -81,64 +81,33 @@ def validate_exports(exports, body, *, trajectory, evaluation, options, context)
         As stored in ``hardware.zarr.zip``: compute time, lateness and force per field and tick;
         lateness of the clock without work; results while other work loads every core.
     """
-    scale = Scale.of(options)
-    walls = open_walls(ExactField("exact", body), scale, options.seed)
-    oracle = Oracle(body.corners / scale.metre, body.faces)
-    frame = Frame.of(trajectory)
-    points = frame.to_mesh(trajectory.arrays["points"])
-    most = min(options.deadline, WITHIN / options.rate)
-    options = options.model_copy(update={"deadline": most})
-    arrays, fields = {}, {}
-    surface = contact(trajectory.arrays, walls.pressed, walls.thin, size=options.size)
-    report = context.progress("fields", len(exports), "fields")
-    idle = run_ticks(None, points, _ticks(options), rate=options.rate)
-    mode = AGAIN if options.ask_again else ONCE
-    arrays["lateness"] = idle.lateness
-    path_in, beside = _entered(trajectory.arrays, options.size), regions_among(exports)
-    _check_names(options.contact, beside, context.log)
-    for index, path in enumerate(exports):
-        name = path.stem
-        reference = evaluation.arrays[f"force_{name}"]
-        field = NativeField(path)
-        file = ExportedField(name, field)
-        lacks = compare(file, walls)
-        feet = pushing_feet(file, walls) * options.size / UNIT_SIDE
-        truth = Truth(oracle, feet, surface, lacks)
-        ticks, servo = validate(
-            field, frame, points, reference=reference, walls=lacks, options=options
-        )
-        devices, attached = press_devices(field, surface, lacks, options=options), None
-        query = servo.compute_us["p50"] * 1e-6
-        feel, surfaces, no_proxy = feel_for(
-            field, beside, options.contact, size=options.size, seconds=query, deadline=most
-        )
-        proxy = feel and try_proxy(
-            field,
-            feel,
-            surfaces,
-            path=path_in,
-            truth=truth,
-            options=options,
-        )
-        if options.attached:
-            run = _Felt(feel, proxy, truth) if feel else None
-            more, attached = _attached(
-                field, surface, servo, devices=devices, options=options, felt=run
-            )
-            ticks |= {f"device_{key}": values for key, values in more.items()}
-        arrays |= {f"{key}_{name}": values for key, values in ticks.items()}
-        fields[name] = FieldVerdict(
-            **dict(servo),
-            devices=devices,
-            advice=paragraph(servo, devices, options, proxy=proxy),
-            sha256=hashlib.sha256(path.read_bytes()).hexdigest(),
-            proxy=proxy,
-            no_proxy=no_proxy,
-            attached=attached,
-        )
-        report.update(index + 1)
+    options = options.model_copy(update={"deadline": min(options.deadline, WITHIN / options.rate)})
+    scale, frame, trial = Scale.of(options), Frame.of(trajectory), _Trial(exports, body, options)
+    points, path = frame.to_mesh(trajectory.arrays["points"]), _entered(trajectory, options.size)
+    surface = contact(trajectory.arrays, trial.walls.pressed, trial.walls.thin, size=options.size)
+    _check_names(options.contact, trial.beside, context.log)
+
+    def run(one):
+        reference = evaluation.arrays[f"force_{one.name}"]
+        return trial.run(one, frame, points, reference=reference, path=path)
+
+    # Fields run at the servo rate one by one. What is not timed uses all cores.
+    count, cores = len(exports), thread_count()
+    report = context.progress("fields", 3 * count, "steps")
+    judged = _counted(each(trial.judge_walls, exports, cores), report)
+    fields = [
+        _Tried(file, NativeField(file), Truth(trial.oracle, feet, surface, lacks))
+        for file, (lacks, feet) in zip(exports, judged, strict=True)
+    ]
+    idle = run_ticks(None, points, tick_count(options), rate=options.rate)
+    fields = list(_counted(map(run, fields), report, count))
+    pressed = list(_counted(each(trial.press, fields, cores), report, 2 * count))
+    arrays, verdicts = {"lateness": idle.lateness}, {}
+    for one, (devices, touched) in zip(fields, pressed, strict=True):
+        ticks, verdicts[one.name] = trial.conclude(one, devices, touched)
+        arrays |= {f"{key}_{one.name}": values for key, values in ticks.items()}
     attributes = HardwareRecord(
-        statement=f"{_statement(fields)} {mode}",
+        statement=f"{_statement(verdicts)} {AGAIN if options.ask_again else ONCE}",
         devices={name: DEVICES[name]._asdict() for name in options.devices},
         machine=describe() | {"governor": governor()},
         locked=idle.locked,
@@ -149,11 +118,97 @@ def validate_exports(exports, body, *, trajectory, evaluation, options, context)
         stiffness=options.stiffness,
         contact=options.contact.kind,
         newtons=scale.newtons,
-        clock_alone_us=_microseconds(idle.lateness),
-        clock_alone_late_share=_late(idle.lateness, options),
-        fields=fields,
+        clock_alone_us=microseconds(idle.lateness),
+        clock_alone_late_share=late_share(idle.lateness, options),
+        fields=verdicts,
     ).attributes()
     return arrays, attributes
+
+
+class _Tried(NamedTuple):
+    """A field, the reference to judge it by, and its results at the servo rate."""
+
+    path: Path
+    field: NativeField
+    truth: Truth
+    ticks: dict | None = None
+    servo: ServoVerdict | None = None
+    feel: Feel | None = None
+    proxy: ProxyVerdict | None = None
+    no_proxy: str = ""
+
+    @property
+    def name(self):
+        return self.path.stem
+
+
+class _Trial:
+    """What all fields of a mesh go through, and the points and references for it."""
+
+    def __init__(self, exports, body, options):
+        scale = Scale.of(options)
+        self.options, self.beside = options, regions_among(exports)
+        self.walls = open_walls(ExactField("exact", body), scale, options.seed)
+        self.oracle = Oracle(body.corners / scale.metre, body.faces)
+
+    def judge_walls(self, path):
+        """Return verdict on a field's walls, and surface points (n, 3), m, where it pushes."""
+        file = ExportedField(path.stem, NativeField(path))
+        feet = pushing_feet(file, self.walls) * self.options.size / UNIT_SIDE
+        return compare(file, self.walls), feet
+
+    def run(self, one, frame, points, *, reference, path):
+        """Return a field with its times at the servo rate, with and without a proxy."""
+        options, field = self.options, one.field
+        ticks, servo = validate(
+            field, frame, points, reference=reference, walls=one.truth.walls, options=options
+        )
+        feel, surfaces, no_proxy = feel_for(
+            field,
+            self.beside,
+            options.contact,
+            size=options.size,
+            seconds=servo.compute_us["p50"] * 1e-6,
+            deadline=options.deadline,
+        )
+        proxy = feel and time_proxy(field, feel, surfaces, path=path, options=options)
+        return one._replace(ticks=ticks, servo=servo, feel=feel, proxy=proxy, no_proxy=no_proxy)
+
+    def press(self, one):
+        """Return verdicts on simulated devices, and on those with a proxy, if there is one."""
+        truth, options = one.truth, self.options
+        devices = press_devices(one.field, truth.surface, truth.walls, options=options)
+        return devices, one.feel and touch_devices(one.field, one.feel, truth, options=options)
+
+    def conclude(self, one, devices, touched):
+        """Run a field on an attached device, if any. Return arrays and the field's verdict."""
+        proxy, ticks, attached = one.proxy, one.ticks, None
+        if proxy:
+            proxy = proxy.model_copy(update={"devices": touched})
+        if self.options.attached:
+            felt = _Felt(one.feel, proxy, one.truth) if proxy else None
+            more, attached = _attached(
+                one.field, one.truth.surface, one.servo,
+                devices=devices, options=self.options, felt=felt,
+            )  # fmt: skip
+            ticks |= {f"device_{key}": values for key, values in more.items()}
+        verdict = FieldVerdict(
+            **dict(one.servo),
+            devices=devices,
+            advice=paragraph(one.servo, devices, self.options, proxy=proxy),
+            sha256=hashlib.sha256(one.path.read_bytes()).hexdigest(),
+            proxy=proxy,
+            no_proxy=one.no_proxy,
+            attached=attached,
+        )
+        return ticks, verdict
+
+
+def _counted(results, report, done=0):
+    """Yield results, and report how many there are."""
+    for count, result in enumerate(results, done + 1):
+        yield result
+        report.update(count)
 
 
 def to_json(mesh, attributes):
@@ -190,9 +245,9 @@ def _attached(field, surface, servo, *, devices, options, felt=None):
 
 def _entered(trajectory, size):
     """Return the trajectory (n, 3), m, preceded by an approach from above the surface."""
-    points, normals = trajectory["points"], trajectory["normal"]
-    start = points[0] - trajectory["distance"][0] * normals[0]
-    way = np.linspace(_OUTSIDE, trajectory["distance"][0], _WAY)[:, None]
+    points, normals, distance = (trajectory.arrays[key] for key in ("points", "normal", "distance"))
+    start = points[0] - distance[0] * normals[0]
+    way = np.linspace(_OUTSIDE, distance[0], _WAY)[:, None]
     return np.concatenate([start + way * normals[0], points]) * size / UNIT_SIDE
 
 
@@ -249,110 +304,3 @@ def press_devices(field, surface, walls, *, options):
             sentence=device_sentence(name, pressed, walls),
         )
     return verdicts
-
-
-def validate(field, frame, points, *, reference, walls, options):
-    """Run one exported field at the servo rate and judge it.
-
-    Parameters
-    ----------
-    field : pandis.runtime.field.NativeField
-    frame : pandis.base.frame.Frame
-    points : ndarray, shape (m, 3), mesh units
-        The evaluation trajectory.
-    reference : ndarray, shape (m, 3)
-        The evaluated force of the same file at ``points`` (unit frame, k = 1). The export stage has
-        already compared the file with the library.
-    walls : pandis.pipeline.run.records.hardware.WallVerdict
-    options : pandis.pipeline.run.ask.options.HardwareOptions
-
-    Returns
-    -------
-    arrays : dict of str to ndarray
-        Per tick: ``compute`` and ``lateness`` (s), ``force`` (unit frame, k = 1).
-    servo : pandis.pipeline.run.records.hardware.ServoVerdict
-    """
-    run = run_ticks(field, points, _ticks(options), rate=options.rate, again=options.ask_again)
-    force = run.force * frame.scale  # distances are in mesh units
-    expected = reference[np.arange(len(force)) % len(points)]
-    difference = np.linalg.norm(force - expected, axis=1).max()
-    missed = run.compute > options.deadline
-    share, late = float(missed.mean()), _late(run.lateness, options)
-    agrees = bool(difference <= AGREEMENT)
-    in_time, punctual = bool(share <= options.misses), bool(late <= options.misses)
-    servo = ServoVerdict(
-        ticks=len(force),
-        compute_us=_microseconds(run.compute),
-        lateness_us=_microseconds(run.lateness),
-        late_share=late,
-        misses=int(missed.sum()),
-        miss_share=share,
-        longest_run_of_misses=_longest_run(missed),
-        agreement=float(difference),
-        agrees=agrees,
-        in_time=in_time,
-        punctual=punctual,
-        walls=walls,
-    )
-    servo = servo.model_copy(update={"verdict": machine_verdict(servo)})
-    words = {"sentence": _sentence(servo, options)}
-    if options.loaded_seconds:
-        words["loaded"] = _loaded(field, points, options)
-    arrays = {"compute": run.compute, "lateness": run.lateness, "force": force}
-    return arrays, servo.model_copy(update=words)
-
-
-def _loaded(field, points, options):
-    """Run a field while other work loads every core."""
-    count = max(1, round(options.loaded_seconds * options.rate))
-    with busy_cores():
-        run = run_ticks(field, points, count, rate=options.rate, again=options.ask_again)
-    return Ticks(
-        ticks=count,
-        compute_us=_microseconds(run.compute),
-        lateness_us=_microseconds(run.lateness),
-        late_share=_late(run.lateness, options),
-        miss_share=float((run.compute > options.deadline).mean()),
-    )
-
-
-def _ticks(options):
-    return max(1, round(options.seconds * options.rate))
-
-
-def _late(lateness, options):
-    """Return the share of ticks that begin late by more than the deadline."""
-    return float((lateness > options.deadline).mean())
-
-
-def _microseconds(seconds):
-    values = np.percentile(seconds, list(_LEVELS.values())) * 1e6
-    return dict(zip(_LEVELS, values.tolist(), strict=True))
-
-
-def _longest_run(missed):
-    edges = np.flatnonzero(np.diff(np.concatenate([[0], missed.astype(np.int8), [0]])))
-    return int((edges[1::2] - edges[::2]).max(initial=0))
-
-
-def _sentence(servo, options):
-    """Return a sentence with the verdict and its figures."""
-    rate, deadline = options.rate, options.deadline * 1e3
-    allowed = f"{100 * options.misses:g} % allowed"
-    time = (
-        f"{100 * servo.miss_share:.2f} % of the ticks took longer than {deadline:g} ms to compute "
-        f"at {rate:g} Hz, {100 * servo.late_share:.2f} % began more than that late ({allowed})"
-    )
-    force = f"forces equal the evaluated ones within {servo.agreement:.1e}"
-    if not servo.agrees:
-        off = servo.agreement
-        force = f"forces differ from the evaluated ones by {off:.1e} ({AGREEMENT:.0e} allowed)"
-    walls = servo.walls
-    compared = "; ".join(faults(walls)) or (
-        f"{walls.missing:.2%} of the surface lacks the force, and {walls.strongly_felt:.2%} pushes "
-        "with a strongly different one"
-    )
-    if walls.pressed_missing:
-        at = walls.pressed_missing
-        compared += f"; the force is missing at {at} of the points that a device presses on"
-    return f"{servo.verdict.capitalize()}: {time}; {force}; {compared}."
