@@ -2,12 +2,14 @@
 
 import base64
 import io
+import re
 from itertools import zip_longest
 from typing import NamedTuple
 from urllib.parse import quote
 
 import matplotlib as mpl
 import numpy as np
+from matplotlib.ticker import LogFormatterSciNotation
 
 mpl.rcParams["svg.hashsalt"] = "pandis"
 mpl.rcParams["svg.fonttype"] = "none"
@@ -45,8 +47,14 @@ def save(figure, numbers=None, dpi=110):
     dpi : int
         Resolution of rasterised parts, dots per inch.
     """
+    for axes in figure.axes:
+        for axis in (axes.xaxis, axes.yaxis):
+            if isinstance(axis.get_major_formatter(), LogFormatterSciNotation):
+                axis.set_major_formatter(_Powers())
+            if isinstance(axis.get_minor_formatter(), LogFormatterSciNotation):
+                axis.set_minor_formatter(_Powers())
     figure.draw_without_rendering()
-    figure.set_layout_engine("none")  # freeze the layout: it is the same in both files
+    figure.set_layout_engine(None)  # freeze the layout: it is the same in both files
     box = figure.get_tightbbox().padded(mpl.rcParams["savefig.pad_inches"])
     svg = _written(figure, "svg", dpi, box=box, Date=None).decode()
     pdf = _written(figure, "pdf", dpi, box=box, CreationDate=None)
@@ -55,6 +63,17 @@ def save(figure, numbers=None, dpi=110):
         f"data:application/pdf;base64,{base64.b64encode(pdf).decode()}",
         _csv(numbers or {}),
     )
+
+
+class _Powers(LogFormatterSciNotation):
+    """Writes powers of ten in plain characters, ten times as fast as formulas are laid out."""
+
+    _RAISED = str.maketrans("0123456789-\N{MINUS SIGN}", "⁰¹²³⁴⁵⁶⁷⁸⁹⁻⁻")
+
+    def __call__(self, x, pos=None):
+        formula = super().__call__(x, pos)
+        plain = re.sub(r"\^\{(.*?)\}", lambda power: power[1].translate(self._RAISED), formula)
+        return re.sub(r"\$|\\mathdefault|[{}]", "", plain).replace(r"\times", "×")
 
 
 def _written(figure, form, dpi, *, box, **metadata):
