@@ -1,6 +1,5 @@
 """Fixtures: a copy of the workflow to play with, and one that has run."""
 
-import fcntl
 import os
 import re
 import shutil
@@ -67,23 +66,14 @@ def workspace(tmp_path):
 
 @pytest.fixture(scope="session")
 def finished(tmp_path_factory):
-    """A copy in which config/fast.yaml has run to its end. Never change it: copy it.
+    """A copy in which config/fast.yaml has run to its end. Never change it: copy it."""
 
-    One for all workers: the first that needs it makes it, and the others wait.
-    """
-    root = tmp_path_factory.getbasetemp()
-    root = root.parent if "PYTEST_XDIST_WORKER" in os.environ else root
-    folder, whole = root / "finished" / "run", root / "finished" / "whole"
-    folder.parent.mkdir(exist_ok=True)
-    with (folder.parent / "lock").open("w") as lock:
-        fcntl.flock(lock, fcntl.LOCK_EX)
-        if not whole.exists():
-            shutil.rmtree(folder, ignore_errors=True)
-            support.copy_workflow(support.ROOT, folder)
-            done = support.snakemake(folder, "-j2", "all", "--configfile", "config/fast.yaml")
-            assert done.returncode == 0, done.stdout
-            whole.touch()
-    return folder
+    def run(folder):
+        support.copy_workflow(support.ROOT, folder)
+        done = support.snakemake(folder, "-j2", "all", "--configfile", "config/fast.yaml")
+        assert done.returncode == 0, done.stdout
+
+    return support.once(tmp_path_factory, "finished", run)
 
 
 @pytest.fixture

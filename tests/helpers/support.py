@@ -1,5 +1,6 @@
 """What several tests use: running Snakemake, dry runs in this process, small meshes."""
 
+import fcntl
 import logging
 import os
 import shutil
@@ -26,6 +27,21 @@ def copy_workflow(source, target):
     for part in PARTS:
         shutil.copytree(source / part, target / part, ignore=ignore)
     return target
+
+
+def once(tmp_path_factory, name, make):
+    """Return a folder that ``make`` fills, given its path: once, while other workers wait."""
+    root = tmp_path_factory.getbasetemp()
+    root = (root.parent if "PYTEST_XDIST_WORKER" in os.environ else root) / name
+    folder, whole = root / "run", root / "whole"
+    root.mkdir(exist_ok=True)
+    with (root / "lock").open("w") as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        if not whole.exists():
+            shutil.rmtree(folder, ignore_errors=True)
+            make(folder)
+            whole.touch()
+    return folder
 
 
 def environment(**extra):

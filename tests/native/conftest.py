@@ -1,7 +1,9 @@
 """Files for pandis.h of every kind, small, and of the torus."""
 
 import shutil
+import subprocess
 from itertools import pairwise
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -24,8 +26,9 @@ from pandis.pipeline.run.ask.catalogue import parse_field
 from pandis.pipeline.run.ask.options import NativeOptions
 from pandis.pipeline.run.job.stage import silent_progress
 from pandis.runtime.field.constants import RULES
-from support import artifact
+from support import ROOT, artifact, once
 
+ENGINE = ROOT / "workflow/pandis/engine"
 #: A frame that is not the unit frame, so that forgetting it shows.
 FRAME = Frame((3.0, -2.0, 0.5), 0.6428571428571429)
 
@@ -116,6 +119,24 @@ def files(fields, meshes, tmp_path_factory):
         )
     )
     return paths
+
+
+@pytest.fixture(scope="session")
+def sanitized(tmp_path_factory):
+    """Return the program ``sanitized.c``."""
+    if not shutil.which("gcc"):
+        pytest.skip("no gcc here")
+    flags = ["-fsanitize=address,undefined,float-cast-overflow", "-fno-sanitize-recover=all", "-g"]
+    flags += ["-std=c99", "-D_POSIX_C_SOURCE=200809L", "-O1", "-Wall", "-Werror"]
+    source = Path(__file__).with_name("sanitized.c")
+
+    def build(folder):
+        folder.mkdir()
+        subprocess.run(
+            ["gcc", *flags, "-I", ENGINE, source, "-lm", "-o", folder / "main"], check=True
+        )
+
+    return once(tmp_path_factory, "sanitized", build) / "main"
 
 
 @pytest.fixture(scope="module")

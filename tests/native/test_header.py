@@ -648,30 +648,25 @@ def test_a_clock_needs_something_to_time(files):
             run_ticks(field, points, queries, rate=1000)
 
 
-def fuzz(files, tmp_path, seconds):
-    program = tmp_path / "fuzz"
-    command = ["gcc", "-std=c99", "-g", "-O1", "-fsanitize=address,undefined,float-cast-overflow"]
-    command += ["-fno-sanitize-recover=all", "-D_POSIX_C_SOURCE=200809L", "-I", ENGINE]
-    subprocess.run([*command, HERE / "fuzz.c", "-lm", "-o", program], check=True)
+def fuzz(files, program, seconds):
     done = subprocess.run(
-        [program, str(seconds), "1", *files.values()], capture_output=True, text=True, check=False
-    )
+        [program, "fuzz", str(seconds), "1", *files.values()],
+        capture_output=True, text=True, check=False,
+    )  # fmt: skip
     assert done.returncode == 0, done.stderr[-3000:]
     print(done.stdout)
     runs, opened = (int(word) for word in done.stdout.split() if word.isdigit())
     assert 0 < opened < runs
 
 
-@needs_gcc
-def test_hostile_files_do_no_harm(files, tmp_path):
+def test_hostile_files_do_no_harm(files, sanitized):
     """Mutated files with right checksums, under address and undefined-behaviour sanitizers."""
-    fuzz(files, tmp_path, 20)
+    fuzz(files, sanitized, 20)
 
 
-@needs_gcc
 @pytest.mark.full
-def test_hostile_files_do_no_harm_for_a_quarter_of_an_hour(files, tmp_path):
-    fuzz(files, tmp_path, 900)
+def test_hostile_files_do_no_harm_for_a_quarter_of_an_hour(files, sanitized):
+    fuzz(files, sanitized, 900)
 
 
 @pytest.mark.full

@@ -97,7 +97,7 @@ def test_auto_builds_one_field_and_trains_nothing_beside_it(rerun):
     assert plan(rerun) == all_of("choose", *DEPENDENT) | native("auto") | LAST
 
 
-@pytest.mark.slow
+@pytest.mark.full
 def test_query_times_are_an_input_of_the_choice(rerun):
     change(rerun, fields="auto", budget={"force_error": 1e-3})
     snakemake(rerun, "-j2", "all", "--configfile", FAST)

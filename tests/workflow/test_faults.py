@@ -145,16 +145,23 @@ def test_verify_names_the_module_that_changed(rerun):
     assert "stale: code changed (pandis.pipeline.geometry.trajectories)" in done.stdout
 
 
-@pytest.mark.parametrize("damage", ["flip", "truncate", "remove", "swap"])
+FILES = (
+    "sphere/timing.zarr.zip",
+    "report.html",
+    "sphere/samples.zarr.zip",
+    "sphere/export/pandis-exact.onnx",
+    "sphere/hardware.json",
+    "summary.csv",
+)
+
+
 @pytest.mark.parametrize(
-    "path",
+    ("path", "damage"),
     [
-        "sphere/samples.zarr.zip",
-        "sphere/timing.zarr.zip",
-        "sphere/export/pandis-exact.onnx",
-        "sphere/hardware.json",
-        "summary.csv",
-        "report.html",
+        pytest.param(path, damage, marks=[] if quick else pytest.mark.full)
+        for path in FILES
+        for damage in ("flip", "truncate", "remove", "swap")
+        for quick in [damage == "flip" or path in FILES[:2]]
     ],
 )
 def test_verify_detects_damage(rerun, path, damage):
