@@ -106,6 +106,7 @@ def without_compact(monkeypatch):
     without(monkeypatch, "compact")
 
 
+@pytest.mark.full
 @pytest.mark.usefixtures("untrained")
 def test_a_mesh_too_large_for_its_budget_is_packed(tmp_path):
     exact = TORUS.engine.tree_bytes
@@ -141,7 +142,7 @@ def test_without_other_limits_the_mesh_itself_is_the_field_and_that_is_said(tmp_
 
 
 @pytest.mark.usefixtures("untrained", "without_compact")
-@pytest.mark.parametrize("wanted", ["40 mN", "4 %"])
+@pytest.mark.parametrize("wanted", ["40 mN", pytest.param("4 %", marks=pytest.mark.full)])
 def test_a_smooth_part_needs_a_coarse_grid(tmp_path, wanted):
     held = choose(TORUS, tmp_path, force_error=wanted, bytes=2_000_000)
     made, limits = held.attributes["choice"], held.attributes["limits"]
@@ -221,6 +222,7 @@ def test_it_names_the_nearest_where_nothing_will_do(tmp_path, monkeypatch):
         choose(TORUS, tmp_path, force_error=1e-3, bytes=500)
 
 
+@pytest.mark.full
 @pytest.mark.usefixtures("untrained", "without_compact")
 def test_what_fails_the_stress_suite_or_its_export_is_not_chosen(tmp_path, monkeypatch):
     first = choose(TORUS, tmp_path, force_error="40 mN", bytes=2_000_000).attributes["choice"]

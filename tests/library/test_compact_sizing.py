@@ -155,6 +155,7 @@ def test_an_error_takes_the_first_bytes_that_meet_it(waves):
     assert tried[-1]["force_error"] <= limits.mean < tried[-2]["force_error"]
 
 
+@pytest.mark.full
 def test_what_cannot_be_met_is_said(waves):
     with pytest.raises(
         PandisError, match=r"bake\.auto\.compact.*no compact mesh that fits into 300"

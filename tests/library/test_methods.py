@@ -165,7 +165,7 @@ def test_kims_potential_is_refused_where_it_is_none():
         open_field(parse_field("kim-algebraic-20", ()), mesh)
 
 
-@pytest.mark.slow
+@pytest.mark.full
 def test_planes_touch_a_box_and_maps_hold_the_depth_below_them():
     vertices, faces = box_mesh()
     vertices = vertices * 0.9 / np.abs(vertices).max()

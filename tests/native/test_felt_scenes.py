@@ -104,6 +104,7 @@ def tried(mesh, tmp_path):  # noqa: F811
     return attempt
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("mesh", ["balls.glb"], indirect=True)
 @pytest.mark.skipif(not shutil.which("gcc"), reason="no gcc here")
 def test_an_object_without_regions_asks_the_mesh_beside_it(tried, tmp_path):
