@@ -7,6 +7,7 @@ rule sample:
         "<results>/logs/{mesh}/sample.log",
     benchmark:
         "<results>/benchmarks/{mesh}/sample.jsonl"
+    priority: plan.sample_priority
     conda:
         "../workflow/envs/samples.yaml"
     threads: 2

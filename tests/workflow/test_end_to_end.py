@@ -441,6 +441,8 @@ def test_the_longest_training_goes_first():
     named = [("bunny", "pandis"), ("bunny", "pandis-exact"), ("sphere", "pandis")]
     order = [plan.train_priority(SimpleNamespace(mesh=m, recipe=r)) for m, r in named]
     assert order == [1200, 800, 300]
+    order = [plan.sample_priority(SimpleNamespace(mesh=m)) for m in plan.meshes]
+    assert order == [1200, 0, 300]  # its points are ready when it can start
 
 
 OPEN = """

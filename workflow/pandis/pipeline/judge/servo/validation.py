@@ -93,7 +93,7 @@ def validate_exports(exports, body, *, trajectory, evaluation, options, context)
 
     # Fields run at the servo rate one by one. What is not timed uses all cores.
     count, cores = len(exports), thread_count()
-    report = context.progress("fields", 3 * count, "steps")
+    report = context.progress("fields", 4 * count, "steps")
     judged = _counted(each(trial.judge_walls, exports, cores), report)
     fields = [
         _Tried(file, NativeField(file), Truth(trial.oracle, feet, surface, lacks))
@@ -101,9 +101,17 @@ def validate_exports(exports, body, *, trajectory, evaluation, options, context)
     ]
     idle = run_ticks(None, points, tick_count(options), rate=options.rate)
     fields = list(_counted(map(run, fields), report, count))
-    pressed = list(_counted(each(trial.press, fields, cores), report, 2 * count))
+    # the slowest come first, as one that begins last would leave a core idle
+    slowest = sorted(fields, key=lambda one: -one.servo.compute_us["p50"])
+    presses = [(one, proxied) for one in slowest for proxied in (True, False)]
+    pressed = _counted(each(trial.press, presses, cores), report, 2 * count)
+    by_field = {
+        (one.name, proxied): by_device
+        for (one, proxied), by_device in zip(presses, pressed, strict=True)
+    }
     arrays, verdicts = {"lateness": idle.lateness}, {}
-    for one, (devices, touched) in zip(fields, pressed, strict=True):
+    for one in fields:
+        devices, touched = (by_field[one.name, proxied] for proxied in (False, True))
         ticks, verdicts[one.name] = trial.conclude(one, devices, touched)
         arrays |= {f"{key}_{one.name}": values for key, values in ticks.items()}
     attributes = HardwareRecord(
@@ -174,11 +182,16 @@ class _Trial:
         proxy = feel and time_proxy(field, feel, surfaces, path=path, options=options)
         return one._replace(ticks=ticks, servo=servo, feel=feel, proxy=proxy, no_proxy=no_proxy)
 
-    def press(self, one):
-        """Return verdicts on simulated devices, and on those with a proxy, if there is one."""
-        truth, options = one.truth, self.options
-        devices = press_devices(one.field, truth.surface, truth.walls, options=options)
-        return devices, one.feel and touch_devices(one.field, one.feel, truth, options=options)
+    def press(self, item):
+        """Return verdicts on simulated devices, given a field, and whether through a proxy.
+
+        They are None if there is no proxy.
+        """
+        (one, proxied), options = item, self.options
+        if not proxied:
+            truth = one.truth
+            return press_devices(one.field, truth.surface, truth.walls, options=options)
+        return one.feel and touch_devices(one.field, one.feel, one.truth, options=options)
 
     def conclude(self, one, devices, touched):
         """Run a field on an attached device, if any. Return arrays and the field's verdict."""

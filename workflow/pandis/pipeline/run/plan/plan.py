@@ -377,7 +377,16 @@ class Plan:
 
         The priority is the number of steps, or ten times the seconds of a time budget.
         """
-        recipe = budgeted(self.entries[wildcards.mesh].train[wildcards.recipe])
+        return self._train_priority(wildcards.mesh, wildcards.recipe)
+
+    def sample_priority(self, wildcards):
+        """Return the priority of a sampling job: that of the longest training on its points."""
+        mesh = wildcards.mesh
+        learned = (spec.name for spec in self.holders(mesh) if spec.learned)
+        return max((self._train_priority(mesh, name) for name in learned), default=0)
+
+    def _train_priority(self, mesh, recipe):
+        recipe = budgeted(self.entries[mesh].train[recipe])
         return recipe.steps or int(10 * recipe.seconds)
 
     def train_gpus(self, wildcards):
