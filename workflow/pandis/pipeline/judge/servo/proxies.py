@@ -161,7 +161,7 @@ def felt_again(field, verdict, size, *, folder):
 
 
 def time_proxy(field, feel, surfaces, *, path, options):
-    """Time a field's proxy along a path; no device has touched it yet.
+    """Time a field's proxy along a path. The verdict's ``devices`` are left empty.
 
     Parameters
     ----------

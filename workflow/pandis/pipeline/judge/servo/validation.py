@@ -82,29 +82,35 @@ def validate_exports(exports, body, *, trajectory, evaluation, options, context)
         lateness of the clock without work; results while other work loads every core.
     """
     options = options.model_copy(update={"deadline": min(options.deadline, WITHIN / options.rate)})
-    scale, frame, trial = Scale.of(options), Frame.of(trajectory), _Trial(exports, body, options)
+    scale, frame, validation = (
+        Scale.of(options),
+        Frame.of(trajectory),
+        _Validation(exports, body, options),
+    )
     points, path = frame.to_mesh(trajectory.arrays["points"]), _entered(trajectory, options.size)
-    surface = contact(trajectory.arrays, trial.walls.pressed, trial.walls.thin, size=options.size)
-    _check_names(options.contact, trial.beside, context.log)
+    surface = contact(
+        trajectory.arrays, validation.walls.pressed, validation.walls.thin, size=options.size
+    )
+    _check_names(options.contact, validation.beside, context.log)
 
     def run(one):
         reference = evaluation.arrays[f"force_{one.name}"]
-        return trial.run(one, frame, points, reference=reference, path=path)
+        return validation.run(one, frame, points, reference=reference, path=path)
 
     # Fields run at the servo rate one by one. What is not timed uses all cores.
     count, cores = len(exports), thread_count()
     report = context.progress("fields", 4 * count, "steps")
-    judged = _counted(each(trial.judge_walls, exports, cores), report)
+    judged = _counted(each(validation.judge_walls, exports, cores), report)
     fields = [
-        _Tried(file, NativeField(file), Truth(trial.oracle, feet, surface, lacks))
+        _FieldRun(file, NativeField(file), Truth(validation.oracle, feet, surface, lacks))
         for file, (lacks, feet) in zip(exports, judged, strict=True)
     ]
     idle = run_ticks(None, points, tick_count(options), rate=options.rate)
     fields = list(_counted(map(run, fields), report, count))
-    # the slowest come first, as one that begins last would leave a core idle
+    # slow fields come first: if one began last, the other cores would wait for it
     slowest = sorted(fields, key=lambda one: -one.servo.compute_us["p50"])
     presses = [(one, proxied) for one in slowest for proxied in (True, False)]
-    pressed = _counted(each(trial.press, presses, cores), report, 2 * count)
+    pressed = _counted(each(validation.press, presses, cores), report, 2 * count)
     by_field = {
         (one.name, proxied): by_device
         for (one, proxied), by_device in zip(presses, pressed, strict=True)
@@ -112,7 +118,7 @@ def validate_exports(exports, body, *, trajectory, evaluation, options, context)
     arrays, verdicts = {"lateness": idle.lateness}, {}
     for one in fields:
         devices, touched = (by_field[one.name, proxied] for proxied in (False, True))
-        ticks, verdicts[one.name] = trial.conclude(one, devices, touched)
+        ticks, verdicts[one.name] = validation.conclude(one, devices, touched)
         arrays |= {f"{key}_{one.name}": values for key, values in ticks.items()}
     attributes = HardwareRecord(
         statement=f"{_statement(verdicts)} {AGAIN if options.ask_again else ONCE}",
@@ -133,7 +139,7 @@ def validate_exports(exports, body, *, trajectory, evaluation, options, context)
     return arrays, attributes
 
 
-class _Tried(NamedTuple):
+class _FieldRun(NamedTuple):
     """A field, the reference to judge it by, and its results at the servo rate."""
 
     path: Path
@@ -150,8 +156,8 @@ class _Tried(NamedTuple):
         return self.path.stem
 
 
-class _Trial:
-    """What all fields of a mesh go through, and the points and references for it."""
+class _Validation:
+    """The steps that every field of a mesh goes through, and the references to judge it by."""
 
     def __init__(self, exports, body, options):
         scale = Scale.of(options)
@@ -160,13 +166,13 @@ class _Trial:
         self.oracle = Oracle(body.corners / scale.metre, body.faces)
 
     def judge_walls(self, path):
-        """Return verdict on a field's walls, and surface points (n, 3), m, where it pushes."""
+        """Return the verdict on a field's walls, and surface points (n, 3), m, where it pushes."""
         file = ExportedField(path.stem, NativeField(path))
         feet = pushing_feet(file, self.walls) * self.options.size / UNIT_SIDE
         return compare(file, self.walls), feet
 
     def run(self, one, frame, points, *, reference, path):
-        """Return a field with its times at the servo rate, with and without a proxy."""
+        """Time a field at the servo rate, with and without a proxy; return it with its results."""
         options, field = self.options, one.field
         ticks, servo = validate(
             field, frame, points, reference=reference, walls=one.truth.walls, options=options
@@ -183,9 +189,10 @@ class _Trial:
         return one._replace(ticks=ticks, servo=servo, feel=feel, proxy=proxy, no_proxy=no_proxy)
 
     def press(self, item):
-        """Return verdicts on simulated devices, given a field, and whether through a proxy.
+        """Press the simulated devices onto a field; return verdicts by device.
 
-        They are None if there is no proxy.
+        ``item`` is a field, and whether the press goes through a proxy. A field without one has no
+        such verdicts: None.
         """
         (one, proxied), options = item, self.options
         if not proxied:
