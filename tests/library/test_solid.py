@@ -246,6 +246,16 @@ def test_a_component_within_another_is_buried_and_said_to_be():
     assert (len(solid.faces) < 100, solid.facts.kinds) == (True, {"solid": 1})
 
 
+@pytest.mark.parametrize(("height", "gap", "filled"), [(0.1, None, False), (-0.2, 0.05, True)])
+def test_a_room_is_not_shut_over_what_is_seen_in_it(height, gap, filled):
+    """A ball in an open box is seen, so the box stays open; through a slit it is not."""
+    ball = trimesh.creation.icosphere(radius=0.28).apply_translation((0, 0, height))
+    solid = solid_of(joined(open_box(gap=gap), ball), keep_cavities=False)
+    assert inside(solid, (0, 0, height), (0.4, 0.4, -0.4)) == [True, filled]
+    empty = solid_of(open_box(gap=gap))
+    assert inside(empty, (0.4, 0.4, -0.4)) == [True]
+
+
 def test_back_to_back_faces_are_a_wall_and_not_a_solid():
     box = open_box()
     cup = trimesh.Trimesh(box.vertices, np.concatenate([box.faces, box.faces[:, ::-1]]),

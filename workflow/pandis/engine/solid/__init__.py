@@ -33,6 +33,8 @@ class Walls(NamedTuple):
         Whether it is the only cut of its edge.
     faces : ndarray, shape (n,), int8
         1 if the triangle's normal points to the second end, -1 if to the first.
+    beside : ndarray, shape (n, 2, 3), float32, cells
+        Half-way from the cut to both ends.
     """
 
     rooms: np.ndarray
@@ -40,6 +42,7 @@ class Walls(NamedTuple):
     cap: np.ndarray
     single: np.ndarray
     faces: np.ndarray
+    beside: np.ndarray
 
 
 class Boundary(NamedTuple):
@@ -96,7 +99,7 @@ def library():
     lib.solid_surface.argtypes = [pointer, f32]
     lib.solid_counts.argtypes = [pointer, pointer]
     lib.solid_middles.argtypes = [pointer, pointer]
-    lib.solid_walls.argtypes = [pointer] * 5
+    lib.solid_walls.argtypes = [pointer] * 6
     lib.solid_doors.restype, lib.solid_doors.argtypes = i64, [pointer] * 3
     lib.solid_result.argtypes = [pointer] * 5
     lib.solid_simplify.argtypes = [pointer, i64, pointer, i64, pointer, ctypes.c_double, pointer]
@@ -285,10 +288,11 @@ class Lattice:
         count = self._counts()[1]
         rooms, triangle = np.empty((count, 2), np.int32), np.empty(count, np.int32)
         single, faces = np.empty(count, np.bool_), np.empty(count, np.int8)
-        columns = [array.ctypes.data for array in (rooms, triangle, single, faces)]
+        beside = np.empty((count, 2, 3), np.float32)
+        columns = [array.ctypes.data for array in (rooms, triangle, single, faces, beside)]
         self._library.solid_walls(self._lattice, *columns)
         cap = triangle >= len(self._corners) - self._caps
-        return Walls(rooms, triangle, cap, single, faces)
+        return Walls(rooms, triangle, cap, single, faces, beside)
 
     def doors(self):
         """Return the edges through shut doors: the rooms at their ends, and how wide it is there.

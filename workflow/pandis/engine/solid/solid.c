@@ -92,14 +92,19 @@ void solid_middles(const Lattice *l, int32_t *middle) {
 }
 
 /* Per cut: the rooms at both ends of its edge; the triangle; whether it is the only one of its
- * edge; 1 if the triangle faces the second end, -1 if the first. */
-void solid_walls(
-    const Lattice *l, int32_t *rooms, int32_t *triangle, uint8_t *single, int8_t *faces) {
+ * edge; 1 if the triangle faces the second end, -1 if the first; places half-way to the ends. */
+void solid_walls(const Lattice *l, int32_t *rooms, int32_t *triangle, uint8_t *single,
+    int8_t *faces, float *beside) {
     const double apart = 1e-4; /* cuts nearer than this are neighbours' on a common edge */
     for (int64_t i = 0; i < l->cut_count; i++) {
         const Cut *c = l->cuts + i, *before = c - 1, *after = c + 1;
         int64_t node = c->edge / 3, axis = c->edge % 3;
+        int32_t at[3];
         double n[3];
+        place_of(l, node, at);
+        for (int k = 0; k < 6; k++) beside[6 * i + k] = (float)at[k % 3];
+        beside[6 * i + axis] += (float)(c->at / 2),
+            beside[6 * i + 3 + axis] += (float)((1 + c->at) / 2);
         rooms[2 * i] = l->room[node], rooms[2 * i + 1] = l->room[node + l->step[axis]];
         triangle[i] = c->triangle;
         normal_of(l, c->triangle, n);

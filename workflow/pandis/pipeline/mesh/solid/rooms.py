@@ -13,6 +13,12 @@ _NOISE = 0.002
 _AIR_WINDING, _AIR_WALLS = 0.4, 0.6
 #: A cavity has a winding number below the first; more than the second share of its walls face in.
 _CAVITY_WINDING, _CAVITY_WALLS = 0.1, 0.95
+#: A room stays open if, shut, it would bury more than the first share of its walls, of which more
+#: than the second can be seen from outside through its caps and doors.
+_BURIED_WALLS, _BURIED_SEEN = 0.1, 0.5
+#: Number of buried walls of a room from which rays are traced, and of rays from each. A room with
+#: fewer stays shut.
+_LOOKS, _WAYS = 150, 48
 #: Largest shares of a cavity's single walls with the outside behind them: in a closed source, else.
 _SKIN_CLOSED, _SKIN_OPEN = 0.5, 0.02
 
@@ -47,7 +53,8 @@ def solid_rooms(lattice, middles, source, *, share, keep_cavities):
     """Decide which rooms are solid.
 
     All are but the outside, rooms of which caps and doors to the outside are more than ``share`` of
-    the walls, and cavities: rooms that the source's closed shells exclude by their orientation.
+    the walls, rooms that would bury what is seen through them, and cavities: rooms that the
+    source's closed shells exclude by their orientation.
 
     Parameters
     ----------
@@ -86,7 +93,10 @@ def solid_rooms(lattice, middles, source, *, share, keep_cavities):
         one, other = invented
         unreal = np.bincount(one[outside[other]], minlength=count)
         part = unreal / np.maximum(wall_count + unreal, 1)
-        opened = ~outside & (part > _NOISE) & ((part > share) | air)
+        ajar = ~outside & (part > _NOISE)
+        opened = ajar & ((part > share) | air)
+        if not opened.any():
+            opened = _burying(walls, source, solid=~outside, rooms=ajar)
         if not opened.any():
             break
         outside |= opened
@@ -104,6 +114,43 @@ def solid_rooms(lattice, middles, source, *, share, keep_cavities):
         _door_widths(doors, 2 * distance, solid),
         np.unique(walls.triangle[walls.cap & (solid[walls.rooms].sum(axis=1) == 1)]),
     )
+
+
+def _burying(walls, source, *, solid, rooms):
+    """Return a mask of those of some rooms that would bury what is seen through them.
+
+    Parameters
+    ----------
+    walls : pandis.engine.solid.Walls
+    source : pandis.pipeline.mesh.solid.source.Source
+    solid, rooms : ndarray, shape (R,), bool
+    """
+    count, real = len(solid), walls.single & ~walls.cap
+    inside = np.flatnonzero(real & solid[walls.rooms].all(axis=1))
+    total = np.bincount(walls.rooms[real].reshape(-1), minlength=count)
+    buried = np.bincount(walls.rooms[inside].reshape(-1), minlength=count)
+    burying = rooms & (buried > np.maximum(_BURIED_WALLS * total, _LOOKS))
+    if not burying.any():
+        return burying
+    tree = MeshTree(source.vertices, source.faces)
+    for room in np.flatnonzero(burying):
+        wall, end = np.nonzero(walls.rooms[inside] == room)
+        chosen = np.linspace(0, len(wall) - 1, _LOOKS).astype(int)
+        places = walls.beside[inside[wall[chosen]], end[chosen]].astype(float)
+        burying[room] = _seen(tree, source.frame.to_mesh(places)).mean() > _BURIED_SEEN
+    return burying
+
+
+def _seen(tree, points):
+    """Return a mask (n,) of the points (n, 3) from which a ray meets nothing."""
+    height = 1 - (2 * np.arange(_WAYS) + 1) / _WAYS
+    turn, level = np.pi * (1 + 5**0.5) * np.arange(_WAYS), np.sqrt(1 - height**2)
+    seen = np.zeros(len(points), bool)
+    for way in np.stack([level * np.cos(turn), level * np.sin(turn), height], axis=1):
+        hidden = np.flatnonzero(~seen)
+        ways, skipped = np.tile(way, (len(hidden), 1)), np.full(len(hidden), -1)
+        seen[hidden] = np.isinf(tree.first_hits(points[hidden], ways, skipped))
+    return seen
 
 
 def _buried(walls, solid):
