@@ -120,7 +120,26 @@ class Setup(NamedTuple):
         return cls(options.size, options.stiffness, hand, options.rate)
 
 
-def press(field, spec, surface, *, setup, feel=None):
+class Safe(NamedTuple):
+    """The largest quiet and passive stiffness, N/m, and a clause on what limits it."""
+
+    stiffness: float
+    limit: str
+
+
+def tried_hands(hand):
+    """Return the configured hand, those of other dampings, and a weight in place of a hand."""
+    others = [hand._replace(damping=damping) for damping in HANDS if damping != hand.damping]
+    return [hand, *others, hand._replace(stiffness=0.0, damping=0.0)]
+
+
+def find_safe(field, spec, surface, *, setup, feel=None):
+    """Return the stiffness that is `Safe` for the hand of a setup; parameters as in `press`."""
+    rig = _Rig(field, spec, surface, setup=setup, feel=feel)
+    return rig.safe(min(setup.stiffness, spec.stiffness))
+
+
+def press(field, spec, surface, *, setup, feel=None, safe=None):
     """Press a device onto a mesh with the forces of a field, and slide along it.
 
     Parameters
@@ -131,11 +150,20 @@ def press(field, spec, surface, *, setup, feel=None):
     setup : Setup
     feel : pandis.runtime.contact.Feel, optional
         Probe with a proxy, and its surface; None for penalty forces.
+    safe : list of Safe, optional
+        For each of `tried_hands`, from `find_safe`; determined here if None.
 
     Returns
     -------
     Pressed
     """
+    hands = tried_hands(setup.hand)
+    if safe is None:  # in simulated time nothing is late, however many run in parallel
+        setups = [setup._replace(hand=hand) for hand in hands]
+        safe = list(
+            each(lambda one: find_safe(field, spec, surface, setup=one, feel=feel), setups,
+                 thread_count())
+        )  # fmt: skip
     rig = _Rig(field, spec, surface, setup=setup, feel=feel)
     hand, stiffness = setup.hand, min(setup.stiffness, spec.stiffness)
     runs = rig.presses(stiffness)
@@ -145,25 +173,13 @@ def press(field, spec, surface, *, setup, feel=None):
     cut = sum(run.cut for run in every)
     energy = min(run.worst for run in every)
     reach = max(float(np.linalg.norm(run.path, axis=1).max()) for run in every)
-    others = [hand._replace(damping=damping) for damping in HANDS if damping != hand.damping]
-    others.append(hand._replace(stiffness=0.0, damping=0.0))
-    rigs = [
-        rig,
-        *(
-            _Rig(field, spec, surface, setup=setup._replace(hand=other), feel=feel)
-            for other in others
-        ),
-    ]
-    # in simulated time nothing is late, however many rigs run in parallel
-    searched = list(each(lambda one: one.safe(stiffness), rigs, thread_count()))
-    safe, limit = searched[0]
     stiffest = {
-        one.hand.damping: most for one, (most, _) in zip(rigs[:-1], searched[:-1], strict=True)
+        one.damping: most.stiffness for one, most in zip(hands[:-1], safe[:-1], strict=True)
     }
     return Pressed(
         hand=hand.damping,
         hands={f"{damping:g}": stiffest[damping] for damping in sorted(stiffest)},
-        released_n_m=searched[-1][0],
+        released_n_m=safe[-1].stiffness,
         stiffness=stiffness,
         strongest_n=max(run.strongest for run in every),
         steepest_n_per_ms=max(run.steepest for run in every) * 1e-3 * setup.rate,
@@ -175,8 +191,8 @@ def press(field, spec, surface, *, setup, feel=None):
         ended=ended,
         within_limits=not cut and not ended and reach <= spec.workspace,
         passive=bool(energy >= -SLACK),
-        safe_n_m=safe,
-        limited_by=limit,
+        safe_n_m=safe[0].stiffness,
+        limited_by=safe[0].limit,
     )
 
 
@@ -270,7 +286,7 @@ class _Rig:
         return float(np.mean(shares)) if shares else 1.0
 
     def safe(self, stiffness):
-        """Return the largest quiet and passive stiffness (N/m), and a clause on what limits it."""
+        """Return the largest stiffness that is `Safe`."""
         last, why = 0.0, ""
         for trial in LADDER * stiffness:
             runs = self.presses(trial)
@@ -286,5 +302,5 @@ class _Rig:
             if trial > self.spec.stiffness:
                 break
         if last >= self.spec.stiffness:
-            return self.spec.stiffness, "the largest tried on this device"
-        return last, why or "larger values were not tried"
+            return Safe(self.spec.stiffness, "the largest tried on this device")
+        return Safe(last, why or "larger values were not tried")

@@ -203,18 +203,25 @@ def time_proxy(field, feel, surfaces, *, path, options):
     )
 
 
-def touch_devices(field, feel, truth, *, options):
-    """Press every configured device through a proxy; return verdicts by its name."""
+def touch_devices(field, feel, truth, *, options, safe=None):
+    """Press every configured device through a proxy; return verdicts by its name.
+
+    ``safe`` has the last argument of `touch_device` by device, if it is known.
+    """
+    safe = safe or {}
     return {
-        name: touch_device(name, field, feel, truth=truth, options=options)
+        name: touch_device(name, field, feel, truth=truth, options=options, safe=safe.get(name))
         for name in options.devices
     }
 
 
-def touch_device(name, field, feel, *, truth, options):
-    """Press a simulated device onto a field through a proxy, gently and with full force."""
+def touch_device(name, field, feel, *, truth, options, safe=None):
+    """Press a simulated device onto a field through a proxy, gently and with full force.
+
+    ``safe`` is as in `pandis.pipeline.judge.servo.pressing.press`.
+    """
     spec, surface = DEVICES[name], truth.surface
-    pressed = press(field, spec, surface, setup=Setup.of(options), feel=feel)
+    pressed = press(field, spec, surface, setup=Setup.of(options), feel=feel, safe=safe)
     error = truth.error(field, options.size)
     rng = generator(options.seed, PRESSES)
     above = ABOVE + feel.radius

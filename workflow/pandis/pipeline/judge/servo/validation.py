@@ -15,7 +15,7 @@ from pandis.pipeline.geometry.shares import missing
 from pandis.pipeline.judge.servo.attached import Safety, Span, run_attached
 from pandis.pipeline.judge.servo.devices import DEVICES
 from pandis.pipeline.judge.servo.passes import Oracle
-from pandis.pipeline.judge.servo.pressing import Setup, contact, press
+from pandis.pipeline.judge.servo.pressing import Setup, contact, find_safe, press, tried_hands
 from pandis.pipeline.judge.servo.proxies import (
     Truth,
     feel_for,
@@ -98,8 +98,8 @@ def validate_exports(exports, body, *, trajectory, evaluation, options, context)
         return validation.run(one, frame, points, reference=reference, path=path)
 
     # Fields run at the servo rate one by one. What is not timed uses all cores.
-    count, cores = len(exports), thread_count()
-    report = context.progress("fields", 4 * count, "steps")
+    count, cores, hands = len(exports), thread_count(), tried_hands(Setup.of(options).hand)
+    report = context.progress("fields", (4 + 2 * len(hands)) * count, "steps")
     judged = _counted(each(validation.judge_walls, exports, cores), report)
     fields = [
         _FieldRun(file, NativeField(file), Truth(validation.oracle, feet, surface, lacks))
@@ -110,7 +110,11 @@ def validate_exports(exports, body, *, trajectory, evaluation, options, context)
     # slow fields come first: if one began last, the other cores would wait for it
     slowest = sorted(fields, key=lambda one: -one.servo.compute_us["p50"])
     presses = [(one, proxied) for one in slowest for proxied in (True, False)]
-    pressed = _counted(each(validation.press, presses, cores), report, 2 * count)
+    trials = [(*item, hand) for item in presses for hand in hands]
+    searched = list(_counted(each(validation.search, trials, cores), report, 2 * count))
+    safe = [searched[first : first + len(hands)] for first in range(0, len(trials), len(hands))]
+    items = [(*item, most) for item, most in zip(presses, safe, strict=True)]
+    pressed = _counted(each(validation.press, items, cores), report, 2 * count + len(trials))
     by_field = {
         (one.name, proxied): by_device
         for (one, proxied), by_device in zip(presses, pressed, strict=True)
@@ -188,17 +192,36 @@ class _Validation:
         proxy = feel and time_proxy(field, feel, surfaces, path=path, options=options)
         return one._replace(ticks=ticks, servo=servo, feel=feel, proxy=proxy, no_proxy=no_proxy)
 
+    def search(self, item):
+        """Return the stiffness that is `Safe`, by device.
+
+        ``item`` is a field, whether it is touched through a proxy, and the hand. A field without a
+        proxy has no such stiffness: None.
+        """
+        one, proxied, hand = item
+        if proxied and one.feel is None:
+            return None
+        setup, feel = Setup.of(self.options)._replace(hand=hand), one.feel if proxied else None
+        surface = one.truth.surface
+        return {
+            name: find_safe(one.field, DEVICES[name], surface, setup=setup, feel=feel)
+            for name in self.options.devices
+        }
+
     def press(self, item):
         """Press the simulated devices onto a field; return verdicts by device.
 
-        ``item`` is a field, and whether the press goes through a proxy. A field without one has no
-        such verdicts: None.
+        ``item`` is a field, whether the press goes through a proxy, and what `search` returned for
+        each hand. A field without a proxy has no such verdicts: None.
         """
-        (one, proxied), options = item, self.options
-        if not proxied:
-            truth = one.truth
-            return press_devices(one.field, truth.surface, truth.walls, options=options)
-        return one.feel and touch_devices(one.field, one.feel, one.truth, options=options)
+        (one, proxied, searched), options = item, self.options
+        if proxied and one.feel is None:
+            return None
+        safe = {name: [by_device[name] for by_device in searched] for name in options.devices}
+        truth = one.truth
+        if proxied:
+            return touch_devices(one.field, one.feel, truth, options=options, safe=safe)
+        return press_devices(one.field, truth.surface, truth.walls, options=options, safe=safe)
 
     def conclude(self, one, devices, touched):
         """Run a field on an attached device, if any. Return arrays and the field's verdict."""
@@ -302,19 +325,20 @@ def pushing_feet(field, walls):
     return (probes.points - probes.distance[:, None] * probes.normal)[~gone]
 
 
-def press_devices(field, surface, walls, *, options):
+def press_devices(field, surface, walls, *, options, safe=None):
     """Press every configured simulated device onto an object with a field's forces.
 
-    ``walls`` is a `pandis.pipeline.run.records.hardware.WallVerdict`.
+    ``walls`` is a `pandis.pipeline.run.records.hardware.WallVerdict`; ``safe`` has the argument of
+    `press` by device, if it is known.
 
     Returns
     -------
     dict of str to pandis.pipeline.run.records.hardware.DeviceVerdict
         By the device's name.
     """
-    setup, verdicts = Setup.of(options), {}
+    setup, safe, verdicts = Setup.of(options), safe or {}, {}
     for name in options.devices:
-        pressed = press(field, DEVICES[name], surface, setup=setup)
+        pressed = press(field, DEVICES[name], surface, setup=setup, safe=safe.get(name))
         verdicts[name] = DeviceVerdict(
             **dict(pressed),
             device=name,
