@@ -10,7 +10,7 @@ rule sample:
     priority: plan.sample_priority
     conda:
         "../workflow/envs/samples.yaml"
-    threads: 2
+    threads: 1
     resources:
         mem_mb=3000,
         runtime=60,
