@@ -12,7 +12,7 @@ ENVS = ROOT / "workflow" / "envs"
 _ALWAYS = {"pydantic", "jaxtyping"}
 #: Stages that train networks, optionally on a GPU.
 _TRAIN = {"train", "choose"}
-#: Kinds that `train` builds; `bake` builds all others.
+#: Kinds that `train` builds; `bake` and `shard` build all others.
 _TRAINED = ("network",)
 
 
@@ -32,7 +32,7 @@ def environments():
 
 def _needs(stage):
     kinds = tuple(kind for kind in KINDS if kind not in _TRAINED)
-    kinds = {"bake": kinds, "train": _TRAINED}.get(stage, tuple(KINDS))
+    kinds = {"bake": kinds, "shard": kinds, "train": _TRAINED}.get(stage, tuple(KINDS))
     unused = () if stage in _TRAIN else KINDS["network"].unused({})
     return Needs(kinds, tuple(unused))
 

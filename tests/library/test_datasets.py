@@ -155,6 +155,40 @@ def test_chunks_cover_every_row_once(folder, tmp_path):
 # --- work that is done once -------------------------------------------------------------------
 
 
+def test_fields_are_those_of_the_command_for_one_mesh(folder, tmp_path):
+    """Each file of the layout, and each field of the store, answers with the command's bits."""
+    kinds = ["trilinear-24", "exact", "compact-16", "tricubic-24"]
+    store, computed = label(folder, tmp_path / "parts.zarr", fields=kinds)
+    assert (computed, store.names) == (4, ["box", "cup", "round/ball"])
+    written = store.export("pandis", tmp_path / "fields")
+    assert len(written) == len(kinds) * len(store.names)
+    points = np.random.default_rng(0).uniform(-1, 1, (500, 3))
+    for name in store.names:
+        assert list(store.facts[name].files) == sorted(kinds)
+        for kind in kinds:
+            field = store.field(name, kind)
+            place = name.rpartition("/")
+            path = tmp_path / f"fields/{place[0] or 'all'}/{place[2]}.{kind}.pandis"
+            assert path.read_bytes() == store.file(name, kind)
+            expected = pandis.field(store.mesh(name), kind)
+            for one, other in zip(field.query(points), expected.query(points), strict=True):
+                assert np.array_equal(one, other)
+    with pytest.raises(PandisError, match=r"has compact-16, exact, .* of box, not compact-12"):
+        store.field("box", "compact-12")
+
+
+def test_a_field_that_cannot_be_built_costs_its_mesh_alone(folder, tmp_path):
+    dust = shape("icosphere", subdivisions=1, radius=1e-4)  # a step of 10 bits is larger
+    both = trimesh.util.concatenate([dust, dust.copy().apply_translation((1, 0, 0))])
+    both.export(folder / "dust.ply")
+    store, _ = label(folder, tmp_path / "parts.zarr", fields=["compact-10"])
+    assert (store.failed["dust"].stage, store.names) == ("field", ["box", "cup", "round/ball"])
+    without, _ = label(folder, tmp_path / "none.zarr")
+    assert "dust" in without.names
+    with pytest.raises(PandisError, match="there are no fields of box; add them to `fields`"):
+        without.export("pandis", tmp_path / "fields")
+
+
 def test_the_same_call_computes_nothing_and_gives_the_same_bytes(folder, tmp_path):
     store, _ = label(folder, tmp_path / "parts.zarr")
     before = files_of(store.path)
@@ -394,6 +428,9 @@ def test_a_store_of_other_options_is_not_mixed(folder, tmp_path):
         ),
         ({"table": "none.csv"}, "there is no file or folder 'none.csv'"),
         ({"chunk": 0}, "chunk"),
+        ({"fields": ["pandis"]}, "'pandis' is not a field"),
+        ({"fields": ["auto"]}, "auto cannot be stored"),
+        ({"fields": ["exact", "exact"]}, "a field is named twice"),
     ],
 )
 def test_wrong_options_are_refused(folder, tmp_path, options, message):

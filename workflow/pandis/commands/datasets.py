@@ -22,7 +22,7 @@ def add_options(name, parser):
     parser.epilog = (
         "examples:\n  pandis layout parts.zarr --as vecset -o training/\n\nPoints of vecset, "
         "hunyuan and dora are drawn anew and labelled as they are rounded; npz, webdataset and "
-        "zarr have the stored rows."
+        "zarr have the stored rows, and pandis has the fields."
     )
     parser.add_argument("store", metavar="STORE", help="the folder of a data set")
     parser.add_argument("--as", dest="layout", choices=LAYOUTS, required=True, help="the layout")
@@ -63,11 +63,12 @@ def add_store_options(parser):
             continue
         field = DatasetOptions.model_fields[name]
         words = field.description.replace("%", "%%").replace("`", "")
-        kind = {"table": str, "seconds": float, "memory_gb": float}.get(name, int)
-        default = "" if field.default is None else f" ({field.default:g})"
+        kind = {"table": str, "fields": str, "seconds": float, "memory_gb": float}.get(name, int)
+        default = f" ({field.default:g})" if isinstance(field.default, int | float) else ""
+        several = {"nargs": "+"} if name == "fields" else {}
         group.add_argument(
             f"--{name.replace('_', '-')}", dest=name, type=kind, default=argparse.SUPPRESS,
-            metavar=name.rpartition("_")[2].upper(), help=words + default,
+            metavar=name.rpartition("_")[2].upper(), help=words + default, **several,
         )  # fmt: skip
 
 

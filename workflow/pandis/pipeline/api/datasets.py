@@ -22,7 +22,7 @@ from pandis.pipeline.run.job.provenance import CodeDigests, needs
 from pandis.pipeline.run.plan.datasets import dataset_task, option_faults, plan_dataset, shard_task
 
 #: Options of a data set that can be passed by their names, beside those of `mesh` and `samples`.
-PLAIN = ("table", "override", "shards", "chunk", "seconds", "memory_gb")
+PLAIN = ("table", "fields", "override", "shards", "chunk", "seconds", "memory_gb")
 #: Options with which a store was begun; another set of them is refused.
 _OPTIONS = "options.json"
 #: Locked while a process writes the store.
@@ -59,8 +59,8 @@ def label_meshes(
     log : callable, optional
         Receives lines about the progress.
     **options
-        Options of a data set (`table`, `override`, `shards`, `chunk`, `seconds`, `memory_gb`), of
-        `mesh` and `samples`, and ``seed``.
+        Options of a data set (`table`, `fields`, `override`, `shards`, `chunk`, `seconds`,
+        `memory_gb`), of `mesh` and `samples`, and ``seed``.
 
     Raises
     ------

@@ -142,7 +142,7 @@ def _dora(drawer, count):
 
 #: Layouts whose points are drawn anew, and those that write the stored rows.
 _DRAWN = {"vecset": _vecset, "hunyuan": _hunyuan, "dora": _dora}
-LAYOUTS = (*_DRAWN, "npz", "webdataset", "zarr")
+LAYOUTS = (*_DRAWN, "npz", "webdataset", "zarr", "pandis")
 
 
 def write_layout(store, layout, folder, *, points=None, seed=0, log=lambda text: None):
@@ -152,10 +152,11 @@ def write_layout(store, layout, folder, *, points=None, seed=0, log=lambda text:
     ----------
     store : pandis.pipeline.dataset.reading.LabelStore
         With all its columns, for the layouts that have its rows.
-    layout : {"vecset", "hunyuan", "dora", "npz", "webdataset", "zarr"}
+    layout : {"vecset", "hunyuan", "dora", "npz", "webdataset", "zarr", "pandis"}
     folder : path-like
     points : Points, optional
-        Numbers of points of the first three layouts; the others have the rows of the store.
+        Numbers of points of the first three layouts; the next three have the rows of the store,
+        and the last one its fields.
     seed : int
     log : pandis.base.progress.Log
 
@@ -185,6 +186,8 @@ def write_layout(store, layout, folder, *, points=None, seed=0, log=lambda text:
         categories.setdefault(place["category"], []).append(place["id"])
         if layout == "npz":
             files = {"{category}/{id}.npz": _rows(store, name)}
+        elif layout == "pandis":
+            files = _fields(store, name)
         else:
             files = _DRAWN[layout](_Drawer(store, name, seed), points or Points())
         for pattern, content in files.items():
@@ -231,7 +234,19 @@ def _rows(store, name):
     return store.rows(name) | about
 
 
+def _fields(store, name):
+    """Return the files of a mesh's fields."""
+    kinds = store.facts[name].files
+    if not kinds:
+        raise PandisError(
+            f"{store.path}: there are no fields of {name}; add them to `fields` of the data set"
+        )
+    return {f"{{category}}/{{id}}.{kind}.pandis": store.file(name, kind) for kind in kinds}
+
+
 def _bytes(content):
+    if isinstance(content, bytes):
+        return content
     stream = io.BytesIO()
     if isinstance(content, dict):
         np.savez(stream, **content)

@@ -13,8 +13,9 @@ from pandis.base.streams import generator
 from pandis.pipeline.geometry.strata import STRATA
 from pandis.pipeline.run.job.artifact import Artifact, check_seal, content_digest
 from pandis.pipeline.run.records.dataset import DatasetRecord, ShardRecord
+from pandis.runtime.field import NativeField
 
-#: Arrays with a row for each point, and those of each mesh: shapes of a row, types.
+#: Arrays with a row for each point, and those of each solid: shapes of a row, types.
 ROWS = {
     "points": ((3,), np.float32),
     "distance": ((), np.float32),
@@ -23,6 +24,10 @@ ROWS = {
     "doubt": ((), np.uint8),
 }
 MESH = {"vertices": ((3,), np.float64), "faces": ((3,), np.int32)}
+#: Bytes of the files of a mesh's fields, one after the other, sorted by name.
+FILES = {"files": ((), np.uint8)}
+#: What the array ``ranges`` counts of each mesh: start and count of each, in this order.
+PARTS = ("rows", *MESH, *FILES)
 
 
 def read_record(path, record):
@@ -103,8 +108,8 @@ class Shard:
             if read_record(self.path, ShardRecord)[1] != self.digest:  # replaced meanwhile
                 raise ArtifactError(f"{self.path} was built anew: open the store again")
             group = zarr.open_group(ZipStore(self.path, mode="r"), mode="r")
-            self._arrays = {name: group[name] for name in (*ROWS, *MESH, "ranges")}
-            self._ranges = self._arrays["ranges"][...].reshape(-1, 3, 2)
+            self._arrays = {name: group[name] for name in (*ROWS, *MESH, *FILES, "ranges")}
+            self._ranges = self._arrays["ranges"][...].reshape(-1, len(PARTS), 2)
             self._process = os.getpid()
         return self._arrays
 
@@ -117,12 +122,13 @@ class Shard:
     def arrays(self, index, *, rows=True):
         """Return all arrays of one mesh, or only those of its solid."""
         solid = {name: self.part(index, [name])[name] for name in MESH}
-        return (self.part(index, ROWS) if rows else {}) | solid
+        if not rows:
+            return solid
+        return self.part(index, ROWS) | solid | self.part(index, FILES)
 
     def _range(self, index, name):
         self.read("ranges", 0, 0)
-        parts = ["rows", *MESH]
-        return self._ranges[index, parts.index(name) if name in MESH else 0].tolist()
+        return self._ranges[index, PARTS.index(name) if name in PARTS else 0].tolist()
 
 
 class LabelStore:
@@ -214,6 +220,28 @@ class LabelStore:
         shard, index = self._place(name)
         return tuple(shard.part(index, [part])[part] for part in MESH)
 
+    def field(self, name: str, kind: str) -> NativeField:
+        """Return a field of a mesh, one of the kinds that the data set names as `fields`.
+
+        Raises
+        ------
+        PandisError
+            The store has no field of this kind; those of a mesh are ``facts[name].files``.
+        """
+        return NativeField(self.file(name, kind))
+
+    def file(self, name: str, kind: str) -> bytes:
+        """Return the ``.pandis`` file of a field of a mesh: see `field`."""
+        shard, index = self._place(name)
+        files = self.facts[name].files
+        if kind not in files:
+            there = ", ".join(files) or "no fields"
+            raise PandisError(
+                f"{self.path} has {there} of {name}, not {kind}; add it to `fields` of the data set"
+            )
+        start = sum(size for other, size in files.items() if other < kind)  # sorted by name
+        return shard.part(index, FILES, start=start, stop=start + files[kind])["files"].tobytes()
+
     def frame(self, name: str) -> tuple[np.ndarray, float]:
         """Return centre and scale: ``(x - centre) * scale`` is in the unit frame."""
         return np.array(self.facts[name].centre), self.facts[name].scale
@@ -225,9 +253,10 @@ class LabelStore:
 
         Parameters
         ----------
-        layout : {"vecset", "hunyuan", "dora", "npz", "webdataset", "zarr"}
+        layout : {"vecset", "hunyuan", "dora", "npz", "webdataset", "zarr", "pandis"}
             That of 3DShape2VecSet, Hunyuan3D-2.1 or Dora, whose points are drawn anew; or the
-            stored rows, in a file for each mesh, a tar for each shard, or one zarr group.
+            stored rows, in a file for each mesh, a tar for each shard, or one zarr group; or the
+            fields, in files for ``pandis.h``.
         folder : path-like
         seed : int
         **points

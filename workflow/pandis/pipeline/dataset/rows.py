@@ -16,6 +16,7 @@ import numpy as np
 from pandis.base.errors import PandisError
 from pandis.base.files import file_digest
 from pandis.base.streams import generator
+from pandis.pipeline.dataset.fields import field_files
 from pandis.pipeline.dataset.reading import ROWS
 from pandis.pipeline.geometry.body import Body
 from pandis.pipeline.geometry.strata import STRATA, Strata
@@ -61,14 +62,16 @@ def _changed():
 class Work(NamedTuple):
     """A mesh to label: its options (as of the stages `mesh` and `sample`), and where it goes.
 
-    ``seed`` is the root of the data set's random numbers, ``key`` the digest of everything that
-    the rows depend on, ``limits`` seconds and memory (GiB).
+    ``seed`` is the root of the data set's random numbers, ``builds`` names the fields to build,
+    ``key`` is the digest of everything that the rows depend on, ``limits`` seconds and memory
+    (GiB).
     """
 
     member: Member
     mesh: dict
     samples: dict
     seed: int
+    builds: tuple = ()
     key: str = ""
     output: str = ""
     limits: tuple = (300.0, 4.0)
@@ -97,7 +100,7 @@ def mesh_rows(work, note):
     -------
     arrays : dict
         `pandis.pipeline.dataset.reading.ROWS`: points in the unit frame, exactly labelled as they
-        are stored, in random order; and ``MESH``.
+        are stored, in random order; ``MESH`` and ``FILES``.
     facts : pandis.pipeline.run.records.dataset.MeshFacts
 
     Raises
@@ -118,8 +121,13 @@ def mesh_rows(work, note):
     samples = SampleOptions(**work.samples)
     strata = Strata(body, samples, stage_seed(seed, member.name, "sample"))
     rows = _labelled(body, strata, generator(stage_seed(seed, member.name, "rows"), _ORDER))
-    shape = {"vertices": body.vertices, "faces": body.faces}
-    return rows | shape, _facts(MeshRecord.of(repaired), body, strata.count)
+    facts, files = _facts(MeshRecord.of(repaired), body, strata.count), {}
+    if work.builds:
+        note("field")
+        files = field_files(repaired, work.builds, name=member.name, seed=seed, key=work.key)
+    data = np.frombuffer(b"".join(files.values()), np.uint8)
+    shape = {"vertices": body.vertices, "faces": body.faces, "files": data}
+    return rows | shape, facts.model_copy(update={"files": {k: len(v) for k, v in files.items()}})
 
 
 def _labelled(body, strata, rng):

@@ -17,7 +17,7 @@ import numpy as np
 
 from pandis.base.errors import PandisError
 from pandis.pipeline.dataset.pool import Lost, Pool
-from pandis.pipeline.dataset.reading import MESH, ROWS, Shard
+from pandis.pipeline.dataset.reading import FILES, MESH, PARTS, ROWS, Shard
 from pandis.pipeline.dataset.rows import Work
 from pandis.pipeline.dataset.worker import failure, write_rows
 from pandis.pipeline.run.ask.members import list_digest, members
@@ -25,8 +25,6 @@ from pandis.pipeline.run.ask.sharding import shard_of
 from pandis.pipeline.run.ask.sourcing import format_of
 from pandis.pipeline.run.records.dataset import MeshFacts, ShardRecord
 
-#: What the array ``ranges`` counts of each mesh: start and count of each, in this order.
-PARTS = ("rows", "vertices", "faces")
 #: Facts of the plan, which may change without the rows.
 _PLANNED = ("name", "source", "inside", "licence", "tags")
 
@@ -35,7 +33,7 @@ def key_of(work, code):
     """Return the digest of everything that the rows of a mesh depend on."""
     form = format_of(work.member.inside or work.member.source)
     member = work.member._replace(source="", inside="", licence="", tags="")
-    parts = [member, form, work.mesh, work.samples, work.seed, code]
+    parts = [member, form, work.mesh, work.samples, work.builds, work.seed, code]
     return hashlib.sha256(json.dumps(parts, sort_keys=True).encode()).hexdigest()
 
 
@@ -77,7 +75,7 @@ class ShardBuilder:
         options, override = self.options, self.options.override.get(member.name, {})
         mesh = options.mesh.model_dump() | override.get("mesh", {})
         samples = options.samples.model_dump() | override.get("samples", {})
-        work = Work(member, mesh, samples, options.seed)
+        work = Work(member, mesh, samples, options.seed, options.builds)
         key = key_of(work, code)
         output = str(self.folder / f"{key[:32]}.npz")
         return work._replace(key=key, output=output, limits=tuple(self._limits))
@@ -176,7 +174,7 @@ class ShardBuilder:
         ends = self._ranges.reshape(-1, len(PARTS), 2)
         chunk = self.options.chunk
         padded = -(-ends[:, 0, 1] // chunk) * chunk
-        counts = {"rows": padded, "vertices": ends[:, 1, 1], "faces": ends[:, 2, 1]}
+        counts = {"rows": padded} | {name: ends[:, k, 1] for k, name in enumerate(PARTS) if k}
         self._padding = padded - ends[:, 0, 1]
         for k, name in enumerate(PARTS):
             ends[:, k, 0] = np.cumsum(counts[name]) - counts[name]
@@ -184,14 +182,14 @@ class ShardBuilder:
         for name, (shape, kind) in ROWS.items():
             size = int(padded.sum())
             columns[name] = {"shape": (size, *shape), "dtype": kind, "chunks": (chunk, *shape)}
-        for name, (shape, kind) in MESH.items():
+        for name, (shape, kind) in (MESH | FILES).items():
             columns[name] = {"shape": (int(counts[name].sum()), *shape), "dtype": kind}
         return columns
 
     def _range(self, work):
         facts = self.facts[work.key]
-        counts = (0, 0, 0) if facts.failed else (facts.rows, facts.vertices, facts.faces)
-        return [value for count in counts for value in (0, count)]
+        counts = facts.rows, facts.vertices, facts.faces, sum(facts.files.values())
+        return [value for count in counts for value in (0, 0 if facts.failed else count)]
 
     def pieces(self):
         """Yield the arrays of each mesh."""
@@ -205,12 +203,12 @@ class ShardBuilder:
     def _arrays(self, work):
         if self.facts[work.key].failed:
             return {name: np.empty((0, *shape), kind)
-                    for name, (shape, kind) in (ROWS | MESH).items()}  # fmt: skip
+                    for name, (shape, kind) in (ROWS | MESH | FILES).items()}  # fmt: skip
         if work.key in self.old:
             shard, index = self.old[work.key]
             return shard.arrays(index)
         with np.load(work.output) as stored:
-            return {name: stored[name] for name in ROWS | MESH}
+            return {name: stored[name] for name in ROWS | MESH | FILES}
 
     def attributes(self):
         """Return the attributes: facts about every mesh, in the order of their names."""

@@ -4,6 +4,8 @@ from typing import Any
 
 from pydantic import Field, field_validator
 
+from pandis.pipeline.run.ask.catalogue import parse_field
+from pandis.pipeline.run.ask.kind import AUTO
 from pandis.pipeline.run.ask.options import MeshOptions, SampleOptions
 from pandis.pipeline.run.ask.values import Options, Positive
 
@@ -44,6 +46,11 @@ class DatasetOptions(Options):
         default_factory=lambda: SampleOptions(**LABELS),
         description="points; by default `surface: 100000, near: 200000, volume: 50000`, others 0",
     )
+    fields: list[str] = Field(
+        default_factory=list,
+        description="fields of each mesh that are stored as files for `pandis.h`, built with "
+        "default options: kinds that need no training, such as `compact-16`",
+    )
     override: dict[str, Override] = Field(
         default_factory=dict, description="`mesh` and `samples` of single meshes, by their names"
     )
@@ -60,6 +67,20 @@ class DatasetOptions(Options):
         description="address space that one mesh may take (GiB); `union` and `fill` may take "
         "`mesh.rung_memory_gb` more",
     )
+
+    @field_validator("fields")
+    @classmethod
+    def _untrained(cls, names):
+        for name in names:
+            spec = parse_field(name, ())
+            if spec.kind == AUTO or not spec.native:
+                raise ValueError(
+                    f"{name} cannot be stored: name a kind of field that has a file for pandis.h, "
+                    "such as compact-16"
+                )
+        if len(set(names)) < len(names):
+            raise ValueError("a field is named twice")
+        return names
 
     @field_validator("mesh", mode="before")
     @classmethod

@@ -199,13 +199,17 @@ class VerifyTask(Options):
 
 
 class ShardTask(Options):
-    """Label the meshes of one shard of a data set; ``members`` is a digest of their list."""
+    """Label the meshes of one shard of a data set, and build the fields ``builds`` of each.
+
+    ``members`` is a digest of the list of meshes.
+    """
 
     source: str
     table: str | None
     override: dict[str, dict[str, dict[str, Any]]]
     mesh: MeshOptions
     samples: SampleOptions
+    builds: list[str]
     seed: int
     chunk: int
     seconds: float

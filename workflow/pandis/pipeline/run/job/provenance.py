@@ -92,6 +92,8 @@ def _kinds(options):
     specs = []
     if "field" in options:
         specs = [known_field(options["field"])]
+    elif "builds" in options:
+        specs = [known_field(name) for name in options["builds"]]
     elif "fields" not in options and "in_python" not in options:
         return _CHOSEN
     for key in ("fields", "in_python"):

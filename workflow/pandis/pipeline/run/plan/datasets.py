@@ -123,6 +123,7 @@ def shard_task(dataset, number):
     }
     return ShardTask(
         **common,
+        builds=options.fields,
         override=overrides,
         shard=number,
         shards=len(dataset.shards),

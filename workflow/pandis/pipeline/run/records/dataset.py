@@ -32,6 +32,8 @@ class MeshFacts(Record):
     shard : list of int
         Number of the shard, and place of the mesh in it; only in the index.
     rows, vertices, faces : int
+    files : dict of str to int
+        Sizes of the files of its fields, bytes, sorted by name.
     unit, format : str
     notes : list of str
         Remarks of the reader.
@@ -69,6 +71,7 @@ class MeshFacts(Record):
     rows: int = 0
     vertices: int = 0
     faces: int = 0
+    files: dict[str, int] = Field(default_factory=dict)
     unit: str = "unknown"
     format: str = ""
     notes: list[str] = Field(default_factory=list)
