@@ -13,7 +13,7 @@ STAGES = sorted(path.stem for path in (ROOT / "scripts").glob("*.py"))
 #: Stages that ask pandis.h.
 ANSWER = {"calibrate", "choose", "evaluate", "export_native", "export_page", "report", "scene"}
 ANSWER |= {"collection", "export_mjcf", "export_newton", "export_vdb"}
-ANSWER |= {"stress", "timing", "validate", "verify"}
+ANSWER |= {"shard", "stress", "timing", "validate", "verify"}
 
 
 @pytest.fixture(scope="module")
@@ -105,6 +105,15 @@ def test_the_header_makes_stale_what_answers_and_its_trees_what_is_labelled(tree
     assert trees > ANSWER | {"mesh", "sample", "bake", "train"}
     sines = rejoined(tree, "sines", "PANDIS__PART1 1.5703125f", "PANDIS__PART1 1.5703126f")
     assert sines == ANSWER | {"bake", "train", "choose", "export_graph"}
+
+
+@pytest.mark.parametrize("name", ["kinds/compact/packing.py", "kinds/native.py"])
+def test_a_shard_depends_on_the_code_of_the_fields_that_it_builds(tree, name):
+    change = (f"pipeline/{name}", "\nimport numpy as np\n", "\nimport numpy as np\n\nx = 1\n")
+    shared = name == "kinds/native.py"  # exports every kind of field
+    for builds, depends in (([], False), (["exact"], shared), (["exact", "compact-16"], True)):
+        assert ("shard" in stale(tree, *change, {"builds": builds})) == depends
+    assert "dataset" not in stale(tree, *change)
 
 
 def test_what_drives_a_device_makes_stale_what_is_tried_on_one(tree):

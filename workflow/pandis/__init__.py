@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from pandis.pipeline.api.fields import field
     from pandis.pipeline.api.labelling import Labels, labels, signed_distance
     from pandis.pipeline.api.meshes import Mesh, repair
-    from pandis.pipeline.dataset.reading import LabelStore
+    from pandis.pipeline.dataset.store import LabelStore
     from pandis.runtime.contact import NativeContact as Contact
     from pandis.runtime.contact import TouchedScene, Touches
     from pandis.runtime.contact.surfaces import Material, Texture
@@ -44,7 +44,7 @@ _PLACES = {
     "Comparison": "pipeline.api.comparing:Comparison",
     "Contact": "runtime.contact:NativeContact",
     "Field": "runtime.field:NativeField",
-    "LabelStore": "pipeline.dataset.reading:LabelStore",
+    "LabelStore": "pipeline.dataset.store:LabelStore",
     "Labels": "pipeline.api.labelling:Labels",
     "Material": "runtime.contact.surfaces:Material",
     "Mesh": "pipeline.api.meshes:Mesh",

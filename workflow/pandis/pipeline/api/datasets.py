@@ -13,7 +13,8 @@ from pandis.base.progress import Log
 from pandis.base.workflow import workflow_folder
 from pandis.pipeline.api.options import sections
 from pandis.pipeline.api.running import Script, run
-from pandis.pipeline.dataset.reading import LabelStore, Shard, read_provenance
+from pandis.pipeline.dataset.reading import Shard, read_provenance
+from pandis.pipeline.dataset.store import LabelStore
 from pandis.pipeline.run.ask.config import plain
 from pandis.pipeline.run.ask.datasets import DatasetOptions
 from pandis.pipeline.run.ask.faults import faults_of, raise_faults

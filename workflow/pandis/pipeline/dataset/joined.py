@@ -45,7 +45,7 @@ def write_joined(store, folder, log):
 
     Parameters
     ----------
-    store : pandis.pipeline.dataset.reading.LabelStore
+    store : pandis.pipeline.dataset.store.LabelStore
         With all its columns.
     folder : Path
         New, or empty.

@@ -150,7 +150,7 @@ def write_layout(store, layout, folder, *, points=None, seed=0, log=lambda text:
 
     Parameters
     ----------
-    store : pandis.pipeline.dataset.reading.LabelStore
+    store : pandis.pipeline.dataset.store.LabelStore
         With all its columns, for the layouts that have its rows.
     layout : {"vecset", "hunyuan", "dora", "npz", "webdataset", "zarr", "pandis"}
     folder : path-like
