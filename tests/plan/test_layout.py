@@ -1,6 +1,7 @@
 """The order of folders is the rule of imports: from one's own folder, and from those before it."""
 
 import ast
+import functools
 import re
 
 import pytest
@@ -36,18 +37,25 @@ def modules(package):
     return {name.removesuffix(".__init__"): file for name, file in names.items()}
 
 
+@functools.cache
+def statements(text):
+    """Return what a module's import statements name: pairs of a module, and a name in it."""
+    pairs = []
+    for node in ast.walk(ast.parse(text)):
+        if isinstance(node, ast.Import):
+            pairs += [(alias.name.removeprefix("pandis."), "") for alias in node.names]
+        elif isinstance(node, ast.ImportFrom):
+            assert not node.level, "imports are absolute"
+            base = node.module.removeprefix("pandis.")
+            pairs += [(base, alias.name) for alias in node.names]
+    return pairs
+
+
 def imports(path, known):
     """Return the modules of the package that a module imports, wherever it does."""
-    names = set()
-    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
-        if isinstance(node, ast.Import):
-            names |= {alias.name.removeprefix("pandis.") for alias in node.names}
-        elif isinstance(node, ast.ImportFrom):
-            assert not node.level, f"{path}: imports are absolute"
-            base = node.module.removeprefix("pandis.")
-            whole = {f"{base}.{alias.name}": base for alias in node.names}
-            names |= {name if name in known else base for name, base in whole.items()}
-    return names & known.keys()
+    pairs = statements(path.read_text(encoding="utf-8"))
+    whole = {f"{base}.{name}" if name else base: base for base, name in pairs}
+    return {name if name in known else base for name, base in whole.items()} & known.keys()
 
 
 def place(module, known):

@@ -107,13 +107,18 @@ def test_the_header_makes_stale_what_answers_and_its_trees_what_is_labelled(tree
     assert sines == ANSWER | {"bake", "train", "choose", "export_graph"}
 
 
-@pytest.mark.parametrize("name", ["kinds/compact/packing.py", "kinds/native.py"])
-def test_a_shard_depends_on_the_code_of_the_fields_that_it_builds(tree, name):
-    change = (f"pipeline/{name}", "\nimport numpy as np\n", "\nimport numpy as np\n\nx = 1\n")
-    shared = name == "kinds/native.py"  # exports every kind of field
-    for builds, depends in (([], False), (["exact"], shared), (["exact", "compact-16"], True)):
-        assert ("shard" in stale(tree, *change, {"builds": builds})) == depends
-    assert "dataset" not in stale(tree, *change)
+def test_a_shard_depends_on_the_code_of_the_fields_that_it_builds():
+    code = CodeDigests(ROOT / "workflow")
+
+    def modules(*builds):
+        found = code.modules("shard", needs({"builds": list(builds)}))
+        return {name.removeprefix("pandis.pipeline.kinds.") for name in found}
+
+    exports, packs = "native", "compact.packing"
+    assert not {exports, packs} & modules()
+    assert {exports, packs} & modules("exact") == {exports}
+    assert {exports, packs} <= modules("exact", "compact-16")
+    assert "pandis.runtime.field" not in code.modules("dataset")
 
 
 def test_what_drives_a_device_makes_stale_what_is_tried_on_one(tree):
