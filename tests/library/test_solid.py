@@ -246,14 +246,33 @@ def test_a_component_within_another_is_buried_and_said_to_be():
     assert (len(solid.faces) < 100, solid.facts.kinds) == (True, {"solid": 1})
 
 
-@pytest.mark.parametrize(("height", "gap", "filled"), [(0.1, None, False), (-0.2, 0.05, True)])
-def test_a_room_is_not_shut_over_what_is_seen_in_it(height, gap, filled):
-    """A ball in an open box is seen, so the box stays open; through a slit it is not."""
-    ball = trimesh.creation.icosphere(radius=0.28).apply_translation((0, 0, height))
-    solid = solid_of(joined(open_box(gap=gap), ball), keep_cavities=False)
-    assert inside(solid, (0, 0, height), (0.4, 0.4, -0.4)) == [True, filled]
-    empty = solid_of(open_box(gap=gap))
-    assert inside(empty, (0.4, 0.4, -0.4)) == [True]
+def tub(floor=True):
+    """Return a tall box without top and bottom; half-way up is a floor that faces up."""
+    box = trimesh.creation.box((1, 1, 2))
+    box = without(box, np.flatnonzero(np.abs(box.face_normals[:, 2]) > 0.9))
+    corners = [[-0.5, -0.5, 0], [0.5, -0.5, 0], [0.5, 0.5, 0], [-0.5, 0.5, 0]]
+    sheet = trimesh.Trimesh(corners, [[0, 1, 2], [0, 2, 3]], process=False)
+    return joined(box, sheet) if floor else box
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_of_two_rooms_at_a_wall_that_is_seen_one_stays_open(seed):
+    """What is above the floor of a tub is air and what is below is solid, however it lies."""
+    turn = trimesh.transformations.random_rotation_matrix(np.random.default_rng(seed).random(3))
+    places = np.array([[0, 0, 0.5], [0, 0, -0.5]]) @ turn[:3, :3].T
+    solid = solid_of(tub().apply_transform(turn))
+    assert inside(solid, *places) == [False, True]
+    assert len(solid.facts.caps) == 1
+    assert inside(solid_of(tub(floor=False).apply_transform(turn)), *places) == [True, True]
+
+
+def test_an_open_room_is_solid_whatever_passes_through_it():
+    """A ball without its bottom, through which a rod passes that can be seen from below."""
+    ball = trimesh.creation.icosphere(subdivisions=4)
+    ball = without(ball, np.flatnonzero((ball.triangles[:, :, 2] < -0.7).all(axis=1)))
+    rod = trimesh.creation.cylinder(radius=0.25, height=3)
+    solid = solid_of(joined(ball, rod))
+    assert inside(solid, (0, 0, 0), (0.6, 0, 0), (0, 0, 1.2), (0, 0, -1.2)) == [True] * 4
 
 
 def test_back_to_back_faces_are_a_wall_and_not_a_solid():

@@ -13,11 +13,12 @@ _NOISE = 0.002
 _AIR_WINDING, _AIR_WALLS = 0.4, 0.6
 #: A cavity has a winding number below the first; more than the second share of its walls face in.
 _CAVITY_WINDING, _CAVITY_WALLS = 0.1, 0.95
-#: A room stays open if, shut, it would bury more than the first share of its walls, of which more
-#: than the second can be seen from outside through its caps and doors.
-_BURIED_WALLS, _BURIED_SEEN = 0.1, 0.5
-#: Number of buried walls of a room from which rays are traced, and of rays from each. A room with
-#: fewer stays shut.
+#: Of two rooms that caps and doors part from the outside, with a wall between them that is seen,
+#: one stays open: the wall is more than the first share of its walls; more than the second share of
+#: the wall is seen; and the mean winding number beside its walls is below the third.
+_SHARED_WALLS, _SEEN, _ENCLOSED = 0.1, 0.5, 0.75
+#: Number of places beside walls that are looked at, and of rays from each. A room with a smaller
+#: wall stays shut.
 _LOOKS, _WAYS = 150, 48
 #: Largest shares of a cavity's single walls with the outside behind them: in a closed source, else.
 _SKIN_CLOSED, _SKIN_OPEN = 0.5, 0.02
@@ -30,7 +31,7 @@ class Rooms(NamedTuple):
     ----------
     solid : ndarray, shape (R,), bool
     opened : int
-        Number of rooms that are air because too much of their wall would be invented.
+        Number of rooms that are air although caps or doors part them from the outside.
     cavities : int
         Number of hollow rooms.
     buried : ndarray, shape (R,), bool
@@ -53,8 +54,8 @@ def solid_rooms(lattice, middles, source, *, share, keep_cavities):
     """Decide which rooms are solid.
 
     All are but the outside, rooms of which caps and doors to the outside are more than ``share`` of
-    the walls, rooms that would bury what is seen through them, and cavities: rooms that the
-    source's closed shells exclude by their orientation.
+    the walls, rooms that would bury a wall which is seen through them (see `_Views`), and cavities:
+    rooms that the source's closed shells exclude by their orientation.
 
     Parameters
     ----------
@@ -73,9 +74,8 @@ def solid_rooms(lattice, middles, source, *, share, keep_cavities):
     solid = np.arange(count) > 0
     if count == 1:
         return Rooms(solid, 0, 0, np.zeros(count, bool), [], np.arange(0))
-    winding, single = np.zeros(count), source.faces[~source.doubled]
-    if len(single):  # the two orientations of a face cancel
-        winding = np.abs(MeshTree(source.vertices, single).windings(middles))
+    turns = _turns(source)
+    winding = turns(middles)
     walls = lattice.walls()
     between = walls.rooms[:, 0] != walls.rooms[:, 1]
     real = between & ~walls.cap
@@ -89,6 +89,7 @@ def solid_rooms(lattice, middles, source, *, share, keep_cavities):
     wall_count = np.bincount(rooms.reshape(-1), minlength=count)
     doors, distance = lattice.doors()
     invented = _both_ways(np.concatenate([walls.rooms[between & walls.cap], doors]))
+    views = _Views(walls, source, turns)
     while True:
         one, other = invented
         unreal = np.bincount(one[outside[other]], minlength=count)
@@ -96,7 +97,7 @@ def solid_rooms(lattice, middles, source, *, share, keep_cavities):
         ajar = ~outside & (part > _NOISE)
         opened = ajar & ((part > share) | air)
         if not opened.any():
-            opened = _burying(walls, source, solid=~outside, rooms=ajar)
+            opened = views.burying(ajar)
         if not opened.any():
             break
         outside |= opened
@@ -116,29 +117,66 @@ def solid_rooms(lattice, middles, source, *, share, keep_cavities):
     )
 
 
-def _burying(walls, source, *, solid, rooms):
-    """Return a mask of those of some rooms that would bury what is seen through them.
+class _Views:
+    """Which rooms would bury a wall that can be seen.
 
-    Parameters
-    ----------
-    walls : pandis.engine.solid.Walls
-    source : pandis.pipeline.mesh.solid.source.Source
-    solid, rooms : ndarray, shape (R,), bool
+    The basin of a bathtub and the box below it are two rooms with a lid each. If both were solid,
+    the tub between them would be lost. A room that its walls clearly enclose is solid all the same.
     """
-    count, real = len(solid), walls.single & ~walls.cap
-    inside = np.flatnonzero(real & solid[walls.rooms].all(axis=1))
-    total = np.bincount(walls.rooms[real].reshape(-1), minlength=count)
-    buried = np.bincount(walls.rooms[inside].reshape(-1), minlength=count)
-    burying = rooms & (buried > np.maximum(_BURIED_WALLS * total, _LOOKS))
-    if not burying.any():
-        return burying
-    tree = MeshTree(source.vertices, source.faces)
-    for room in np.flatnonzero(burying):
-        wall, end = np.nonzero(walls.rooms[inside] == room)
-        chosen = np.linspace(0, len(wall) - 1, _LOOKS).astype(int)
-        places = walls.beside[inside[wall[chosen]], end[chosen]].astype(float)
-        burying[room] = _seen(tree, source.frame.to_mesh(places)).mean() > _BURIED_SEEN
-    return burying
+
+    def __init__(self, walls, source, turns):
+        self._walls, self._source, self._turns = walls, source, turns
+        self._real = walls.single & ~walls.cap
+        self._tree, self._known = None, {}
+
+    def burying(self, ajar):
+        """Return a mask of one room to open, the least enclosed of those that do, or of none.
+
+        Parameters
+        ----------
+        ajar : ndarray, shape (R,), bool
+            Solid rooms that caps and doors part from the outside.
+        """
+        rooms, chosen = self._walls.rooms, np.zeros(len(ajar), bool)
+        shared = self._real & ajar[rooms].all(axis=1) & (rooms[:, 0] != rooms[:, 1])
+        total, part = (np.bincount(rooms[which].reshape(-1), minlength=len(ajar))
+                       for which in (self._real, shared))  # fmt: skip
+        large = np.flatnonzero(part > np.maximum(_SHARED_WALLS * total, _LOOKS))
+        for room in large:
+            if room not in self._known:
+                self._known[room] = self._enclosed(room), self._share_seen(room, shared)
+        burying = [room for room in large if self._known[room] < (_ENCLOSED,)
+                   and self._known[room][1] > _SEEN]  # fmt: skip
+        if burying:
+            chosen[min(burying, key=self._known.get)] = True
+        return chosen
+
+    def _enclosed(self, room):
+        """Return the mean winding number beside a room's walls."""
+        return self._turns(self._beside(room, self._real)).mean()
+
+    def _share_seen(self, room, walls):
+        """Return the share of a room's side of some walls from which a ray meets nothing."""
+        if self._tree is None:
+            self._tree = MeshTree(self._source.vertices, self._source.faces)
+        return _seen(self._tree, self._beside(room, walls)).mean()
+
+    def _beside(self, room, walls):
+        """Return places in a room beside some walls, mesh units."""
+        walls = np.flatnonzero(walls)
+        wall, end = np.nonzero(self._walls.rooms[walls] == room)
+        some = np.linspace(0, len(wall) - 1, _LOOKS).astype(int)
+        places = self._walls.beside[walls[wall[some]], end[some]].astype(float)
+        return self._source.frame.to_mesh(places)
+
+
+def _turns(source):
+    """Return a function for the winding number (n,), without its sign, at points (n, 3)."""
+    single = source.faces[~source.doubled]  # the two orientations of a face cancel
+    if not len(single):
+        return lambda points: np.zeros(len(points))
+    tree = MeshTree(source.vertices, single)
+    return lambda points: np.abs(tree.windings(points))
 
 
 def _seen(tree, points):
