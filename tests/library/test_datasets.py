@@ -177,14 +177,18 @@ def test_fields_are_those_of_the_command_for_one_mesh(folder, tmp_path):
         store.field("box", "compact-12")
 
 
-def test_a_field_that_cannot_be_built_costs_its_mesh_alone(folder, tmp_path):
+def test_a_field_that_cannot_be_built_costs_nothing_else(folder, tmp_path):
     dust = shape("icosphere", subdivisions=1, radius=1e-4)  # a step of 10 bits is larger
     both = trimesh.util.concatenate([dust, dust.copy().apply_translation((1, 0, 0))])
     both.export(folder / "dust.ply")
-    store, _ = label(folder, tmp_path / "parts.zarr", fields=["compact-10"])
-    assert (store.failed["dust"].stage, store.names) == ("field", ["box", "cup", "round/ball"])
+    store, _ = label(folder, tmp_path / "parts.zarr", fields=["exact", "compact-10"])
+    assert store.names == ["box", "cup", "dust", "round/ball"]
+    assert (list(store.facts["dust"].files), len(store.rows("dust")["points"])) == (["exact"], 1200)
+    with pytest.raises(PandisError, match="not compact-10: on a lattice of 10 bits nothing"):
+        store.field("dust", "compact-10")
+    assert {cause.stage for cause in store.summary.causes} == {"read", "field"}
+    assert len(store.export("pandis", tmp_path / "files")) == 7
     without, _ = label(folder, tmp_path / "none.zarr")
-    assert "dust" in without.names
     with pytest.raises(PandisError, match="there are no fields of box; add them to `fields`"):
         without.export("pandis", tmp_path / "fields")
 
@@ -430,6 +434,7 @@ def test_a_store_of_other_options_is_not_mixed(folder, tmp_path):
         ({"chunk": 0}, "chunk"),
         ({"fields": ["pandis"]}, "'pandis' is not a field"),
         ({"fields": ["auto"]}, "auto cannot be stored"),
+        ({"fields": ["trilinear-auto"]}, "trilinear-auto cannot be stored"),
         ({"fields": ["exact", "exact"]}, "a field is named twice"),
     ],
 )

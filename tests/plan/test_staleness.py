@@ -111,7 +111,7 @@ def test_a_shard_depends_on_the_code_of_the_fields_that_it_builds():
     code = CodeDigests(ROOT / "workflow")
 
     def modules(*builds):
-        found = code.modules("shard", needs({"builds": list(builds)}))
+        found = code.modules("shard", needs({"builds": dict.fromkeys(builds)}))
         return {name.removeprefix("pandis.pipeline.kinds.") for name in found}
 
     exports, packs = "native", "compact.packing"

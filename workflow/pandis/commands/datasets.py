@@ -65,7 +65,7 @@ def add_store_options(parser):
         words = field.description.replace("%", "%%").replace("`", "")
         kind = {"table": str, "fields": str, "seconds": float, "memory_gb": float}.get(name, int)
         default = f" ({field.default:g})" if isinstance(field.default, int | float) else ""
-        several = {"nargs": "+"} if name == "fields" else {}
+        several = {"nargs": "+", "action": "extend"} if name == "fields" else {}
         group.add_argument(
             f"--{name.replace('_', '-')}", dest=name, type=kind, default=argparse.SUPPRESS,
             metavar=name.rpartition("_")[2].upper(), help=words + default, **several,

@@ -1,74 +1,61 @@
 """The fields of one mesh of a data set: builds them, and makes their files for pandis.h."""
 
-from functools import lru_cache
-
 import numpy as np
 
-from pandis.pipeline.geometry.body import Body
+from pandis.base.errors import PandisError
 from pandis.pipeline.kinds.native import export_native
 from pandis.pipeline.kinds.opening import open_field
 from pandis.pipeline.run.ask.catalogue import known_field
-from pandis.pipeline.run.ask.config import MeshEntry
 from pandis.pipeline.run.ask.kind import SearchTask
-from pandis.pipeline.run.ask.kinds import KINDS, kind_module
+from pandis.pipeline.run.ask.kinds import KINDS, build_task, kind_module
+from pandis.pipeline.run.ask.options import NativeOptions
 from pandis.pipeline.run.job.artifact import Artifact
 from pandis.pipeline.run.job.stage import silent_progress
-from pandis.pipeline.run.plan.stages import PlannedJob
+from pandis.pipeline.run.plan.stages import stage_seed
 
 
-def field_files(repaired, names, *, name, seed, key):
-    """Build fields of a mesh with default options, as the stages `bake` and `export_native` do.
+def field_files(repaired, body, work):
+    """Build fields of a mesh, as the stages `bake` and `export_native` do.
 
     Parameters
     ----------
     repaired : pandis.pipeline.run.job.artifact.Artifact
         The repaired mesh.
-    names : sequence of str
-        Names of fields that need no training.
-    name : str
-        The mesh's name in its data set.
-    seed : int
-        Root of all random numbers.
-    key : str
-        Digest of everything that the files depend on.
+    body : pandis.pipeline.geometry.body.Body
+    work : pandis.pipeline.dataset.rows.Work
 
     Returns
     -------
-    dict of str to bytes
+    files : dict of str to bytes
         The ``.pandis`` files, by the fields' names, sorted. Each was compared with the library's
         answers.
-
-    Raises
-    ------
-    PandisError
-        A field cannot be built of this mesh.
+    unbuilt : dict of str to str
+        Why other fields cannot be built of this mesh.
     """
-    body, entry, files = Body.open(repaired), _entry(seed), {}
-    for spec in map(known_field, sorted(names)):
-        artifact = repaired
-        if spec.artifact != "mesh":
-            artifact = _built(PlannedJob("bake", name, entry, {}, spec), repaired)
-        files[spec.name] = export_native(
-            open_field(spec, artifact), body, entry.export,
-            provenance={"mesh": name, "field": spec.name, "key": key}, log=_silent,
-        )  # fmt: skip
-    return files
-
-
-@lru_cache(4)
-def _entry(seed):
-    """Return the default options of a mesh."""
-    return MeshEntry(source="", seed=seed)
+    files, unbuilt, options = {}, {}, NativeOptions(**work.export)
+    for name in sorted(work.builds):
+        spec, artifact = known_field(name), repaired
+        provenance = {"mesh": work.member.name, "field": name, "key": work.key}
+        try:
+            if work.builds[name]:
+                artifact = _built(spec, repaired, work)
+            field = open_field(spec, artifact)
+            files[name] = export_native(field, body, options, provenance=provenance, log=_silent)
+        except PandisError as error:
+            unbuilt[name] = str(error)
+    return files, unbuilt
 
 
 def _silent(text):
     """Drop a line of a log."""
 
 
-def _built(planned, mesh):
-    """Return the artifact of a planned field."""
-    kind = planned.built.kind
-    job = _Job(KINDS[kind].options(planned, planned.built), mesh)
+def _built(spec, mesh, work):
+    """Return the artifact of a field."""
+    kind, options = spec.kind, dict(work.builds[spec.name])
+    if "seed" in options:
+        options["seed"] = stage_seed(work.seed, work.member.name, *KINDS[kind].stream(spec))
+    job = _Job(build_task(**options), mesh)
     searched = isinstance(job.options, SearchTask)
     # both names are literal, so that the code on which a shard depends can be told
     module = kind_module(kind, "search") if searched else kind_module(kind, "build")

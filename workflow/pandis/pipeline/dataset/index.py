@@ -8,7 +8,7 @@ import numpy as np
 
 from pandis.pipeline.dataset.reading import Shard
 from pandis.pipeline.geometry.strata import STRATA
-from pandis.pipeline.run.records.dataset import Cause, DatasetRecord, Summary
+from pandis.pipeline.run.records.dataset import Cause, DatasetRecord, Failure, Summary
 
 #: Percentiles of the deviation that the card states.
 _PERCENTILES = (50, 95, 99, 100)
@@ -77,8 +77,17 @@ def _summary(meshes):
         components=kinds,
         licences=Counter(mesh.licence or "not stated" for mesh in meshes),
         moved_percent={str(p): float(np.percentile(moved, p)) for p in _PERCENTILES},
-        causes=_causes(failed),
+        causes=_causes([*failed, *_without_fields(ready)]),
     )
+
+
+def _without_fields(ready):
+    """Return meshes as failed ones, once for each of their fields that could not be built."""
+    return [
+        mesh.model_copy(update={"failed": Failure(stage="field", reason=f"{name}: {reason}")})
+        for mesh in ready
+        for name, reason in mesh.unbuilt.items()
+    ]
 
 
 def _causes(failed):

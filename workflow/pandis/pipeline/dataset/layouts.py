@@ -236,12 +236,12 @@ def _rows(store, name):
 
 def _fields(store, name):
     """Return the files of a mesh's fields."""
-    kinds = store.facts[name].files
-    if not kinds:
+    facts = store.facts[name]
+    if not facts.files and not facts.unbuilt:
         raise PandisError(
             f"{store.path}: there are no fields of {name}; add them to `fields` of the data set"
         )
-    return {f"{{category}}/{{id}}.{kind}.pandis": store.file(name, kind) for kind in kinds}
+    return {f"{{category}}/{{id}}.{kind}.pandis": store.file(name, kind) for kind in facts.files}
 
 
 def _bytes(content):

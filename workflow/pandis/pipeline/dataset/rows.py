@@ -62,16 +62,17 @@ def _changed():
 class Work(NamedTuple):
     """A mesh to label: its options (as of the stages `mesh` and `sample`), and where it goes.
 
-    ``seed`` is the root of the data set's random numbers, ``builds`` names the fields to build,
-    ``key`` is the digest of everything that the rows depend on, ``limits`` seconds and memory
-    (GiB).
+    ``seed`` is the root of the data set's random numbers, ``builds`` and ``export`` are the options
+    of fields (as in `ShardTask`), ``key`` is the digest of everything that the rows depend on,
+    ``limits`` seconds and memory (GiB).
     """
 
     member: Member
     mesh: dict
     samples: dict
     seed: int
-    builds: tuple = ()
+    builds: dict | None = None
+    export: dict | None = None
     key: str = ""
     output: str = ""
     limits: tuple = (300.0, 4.0)
@@ -121,13 +122,14 @@ def mesh_rows(work, note):
     samples = SampleOptions(**work.samples)
     strata = Strata(body, samples, stage_seed(seed, member.name, "sample"))
     rows = _labelled(body, strata, generator(stage_seed(seed, member.name, "rows"), _ORDER))
-    facts, files = _facts(MeshRecord.of(repaired), body, strata.count), {}
+    facts, files, unbuilt = _facts(MeshRecord.of(repaired), body, strata.count), {}, {}
     if work.builds:
         note("field")
-        files = field_files(repaired, work.builds, name=member.name, seed=seed, key=work.key)
+        files, unbuilt = field_files(repaired, body, work)
     data = np.frombuffer(b"".join(files.values()), np.uint8)
     shape = {"vertices": body.vertices, "faces": body.faces, "files": data}
-    return rows | shape, facts.model_copy(update={"files": {k: len(v) for k, v in files.items()}})
+    sizes = {name: len(file) for name, file in files.items()}
+    return rows | shape, facts.model_copy(update={"files": sizes, "unbuilt": unbuilt})
 
 
 def _labelled(body, strata, rng):

@@ -33,7 +33,7 @@ def key_of(work, code):
     """Return the digest of everything that the rows of a mesh depend on."""
     form = format_of(work.member.inside or work.member.source)
     member = work.member._replace(source="", inside="", licence="", tags="")
-    parts = [member, form, work.mesh, work.samples, work.builds, work.seed, code]
+    parts = [member, form, work.mesh, work.samples, work.builds, work.export, work.seed, code]
     return hashlib.sha256(json.dumps(parts, sort_keys=True).encode()).hexdigest()
 
 
@@ -75,7 +75,9 @@ class ShardBuilder:
         options, override = self.options, self.options.override.get(member.name, {})
         mesh = options.mesh.model_dump() | override.get("mesh", {})
         samples = options.samples.model_dump() | override.get("samples", {})
-        work = Work(member, mesh, samples, options.seed, options.builds)
+        work = Work(
+            member, mesh, samples, options.seed, options.builds, options.export.model_dump()
+        )
         key = key_of(work, code)
         output = str(self.folder / f"{key[:32]}.npz")
         return work._replace(key=key, output=output, limits=tuple(self._limits))

@@ -108,7 +108,8 @@ class LabelStore:
         Raises
         ------
         PandisError
-            The store has no field of this kind; those of a mesh are ``facts[name].files``.
+            The store has no field of this kind, or it could not be built of this mesh:
+            ``facts[name].files`` has those that were, ``facts[name].unbuilt`` why others were not.
         """
         return NativeField(self.file(name, kind))
 
@@ -118,9 +119,8 @@ class LabelStore:
         files = self.facts[name].files
         if kind not in files:
             there = ", ".join(files) or "no fields"
-            raise PandisError(
-                f"{self.path} has {there} of {name}, not {kind}; add it to `fields` of the data set"
-            )
+            why = self.facts[name].unbuilt.get(kind, "add it to `fields` of the data set")
+            raise PandisError(f"{self.path} has {there} of {name}, not {kind}: {why}")
         start = sum(size for other, size in files.items() if other < kind)  # sorted by name
         return shard.part(index, FILES, start=start, stop=start + files[kind])["files"].tobytes()
 

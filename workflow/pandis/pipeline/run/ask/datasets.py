@@ -6,6 +6,7 @@ from pydantic import Field, field_validator
 
 from pandis.pipeline.run.ask.catalogue import parse_field
 from pandis.pipeline.run.ask.kind import AUTO
+from pandis.pipeline.run.ask.kinds import KINDS
 from pandis.pipeline.run.ask.options import MeshOptions, SampleOptions
 from pandis.pipeline.run.ask.values import Options, Positive
 
@@ -73,14 +74,15 @@ class DatasetOptions(Options):
     def _untrained(cls, names):
         for name in names:
             spec = parse_field(name, ())
-            if spec.kind == AUTO or not spec.native:
+            known = spec.size != AUTO or spec.form in KINDS[spec.kind].targets
+            if spec.kind == AUTO or not spec.native or not known:
                 raise ValueError(
-                    f"{name} cannot be stored: name a kind of field that has a file for pandis.h, "
-                    "such as compact-16"
+                    f"{name} cannot be stored: name a field that has a file for pandis.h and, "
+                    "without a size, a default target, such as compact-16 or spline-auto"
                 )
         if len(set(names)) < len(names):
             raise ValueError("a field is named twice")
-        return names
+        return sorted(names)
 
     @field_validator("mesh", mode="before")
     @classmethod

@@ -199,9 +199,10 @@ class VerifyTask(Options):
 
 
 class ShardTask(Options):
-    """Label the meshes of one shard of a data set, and build the fields ``builds`` of each.
+    """Label the meshes of one shard of a data set, and build fields of each.
 
-    ``members`` is a digest of the list of meshes.
+    ``builds`` has the options for building each field, but for its seed, and ``export`` those for
+    its file. ``members`` is a digest of the list of meshes.
     """
 
     source: str
@@ -209,7 +210,8 @@ class ShardTask(Options):
     override: dict[str, dict[str, dict[str, Any]]]
     mesh: MeshOptions
     samples: SampleOptions
-    builds: list[str]
+    builds: dict[str, dict[str, Any]]
+    export: NativeOptions
     seed: int
     chunk: int
     seconds: float

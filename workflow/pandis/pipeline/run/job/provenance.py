@@ -82,7 +82,7 @@ def needs(options):
         unused = [f"pandis.pipeline.kinds.{kind}.search" for kind in kinds]
     for kind in kinds:
         unused += KINDS[kind].unused(options)
-    if options.get("builds") == []:
+    if not options.get("builds", True):
         unused.append("pandis.pipeline.dataset.fields")
     return Needs(kinds, tuple(unused))
 

@@ -5,14 +5,16 @@ from pathlib import Path
 from typing import NamedTuple
 
 from pandis.base.errors import PandisError
-from pandis.pipeline.run.ask.catalogue import MESH_NAME
+from pandis.pipeline.run.ask.catalogue import MESH_NAME, known_field
+from pandis.pipeline.run.ask.config import MeshEntry, plain
 from pandis.pipeline.run.ask.datasets import LABELS, DatasetOptions
 from pandis.pipeline.run.ask.faults import faults_of, raise_faults
+from pandis.pipeline.run.ask.kinds import KINDS
 from pandis.pipeline.run.ask.members import list_digest, members
-from pandis.pipeline.run.ask.options import MeshOptions, SampleOptions
+from pandis.pipeline.run.ask.options import MeshOptions, NativeOptions, SampleOptions
 from pandis.pipeline.run.ask.sharding import shard_count, shard_of
 from pandis.pipeline.run.ask.tasks import DatasetTask, ShardTask
-from pandis.pipeline.run.plan.stages import Output
+from pandis.pipeline.run.plan.stages import Output, PlannedJob
 
 
 class PlannedDataset(NamedTuple):
@@ -121,14 +123,23 @@ def shard_task(dataset, number):
         name: options.override[name].model_dump(exclude_defaults=True)
         for name in sorted({member.name for member in listed} & set(options.override))
     }
+    entry = MeshEntry(source="", seed=0)  # the seed of a mesh is set where it is built
     return ShardTask(
         **common,
-        builds=options.fields,
+        builds={name: _build_options(known_field(name), entry) for name in options.fields},
+        export=NativeOptions(**entry.export.model_dump(include=set(NativeOptions.model_fields))),
         override=overrides,
         shard=number,
         shards=len(dataset.shards),
         members=list_digest(listed),
     )  # fmt: skip
+
+
+def _build_options(spec, entry):
+    """Return the options for building a field of any mesh; none if the mesh is the field."""
+    if spec.artifact == "mesh":
+        return {}
+    return plain(KINDS[spec.kind].options(PlannedJob("bake", "", entry, {}, spec), spec))
 
 
 def load_datasets(raw, faults):

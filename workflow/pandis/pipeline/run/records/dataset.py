@@ -34,6 +34,8 @@ class MeshFacts(Record):
     rows, vertices, faces : int
     files : dict of str to int
         Sizes of the files of its fields, bytes, sorted by name.
+    unbuilt : dict of str to str
+        Why there is no file of other fields.
     unit, format : str
     notes : list of str
         Remarks of the reader.
@@ -72,6 +74,7 @@ class MeshFacts(Record):
     vertices: int = 0
     faces: int = 0
     files: dict[str, int] = Field(default_factory=dict)
+    unbuilt: dict[str, str] = Field(default_factory=dict)
     unit: str = "unknown"
     format: str = ""
     notes: list[str] = Field(default_factory=list)
@@ -127,6 +130,7 @@ class Summary(Record):
     moved_percent : dict of str to float
         Percentiles over the meshes.
     causes : list of Cause
+        Why meshes failed, and why fields of others could not be built.
     """
 
     meshes: int
