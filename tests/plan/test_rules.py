@@ -100,7 +100,8 @@ def test_planning_imports_nothing_heavy():
 #: Each script is imported in a copy of one process, because what they all import takes a second.
 _IMPORTS = """
 import os, sys
-import numpy, pydantic, scipy, zarr
+import igl, numpy, pydantic, scipy.sparse, scipy.spatial, zarr
+import pandis.pipeline.geometry.body, pandis.pipeline.run.job.stage
 assert not {"torch", "pymeshlab"} & set(sys.modules)
 for line in sys.stdin:
     name, imports = line.split("|")
