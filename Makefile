@@ -11,7 +11,7 @@ BIN := .venv/bin
 # Hundreds of processes import the same modules: each would compile them anew.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: all check plans test test-slow test-full lint docs figures wasm release clean
+.PHONY: all check test test-slow test-full lint docs figures wasm release clean
 
 all: .venv/installed
 	$(BIN)/snakemake -j$(JOBS) all
@@ -22,11 +22,7 @@ test: lint
 test-slow: .venv/installed
 	$(BIN)/pytest -n $(JOBS) --maxschedchunk 1 --durations 20 -m "slow and not full"
 
-# both at once: lint takes one core, and so do the tests at first
-check:
-	$(MAKE) -j2 lint plans
-
-plans: .venv/installed
+check: lint
 	$(BIN)/pytest -n $(JOBS) --dist loadfile tests/plan
 
 test-full: lint
