@@ -24,7 +24,7 @@ import trimesh
 import pandis
 from pandis.__main__ import main
 from pandis.base.errors import PandisError, ReadError
-from pandis.pipeline.dataset import worker
+from pandis.pipeline.dataset import fields, worker
 from pandis.pipeline.dataset.layouts import LAYOUTS
 from pandis.pipeline.dataset.pool import Lost, Pool
 from pandis.pipeline.dataset.reading import MESH, ROWS
@@ -191,6 +191,16 @@ def test_a_field_that_cannot_be_built_costs_nothing_else(folder, tmp_path):
     without, _ = label(folder, tmp_path / "none.zarr")
     with pytest.raises(PandisError, match="there are no fields of box; add them to `fields`"):
         without.export("pandis", tmp_path / "fields")
+
+
+def test_a_field_that_lacks_memory_is_tried_again_with_its_mesh(monkeypatch):
+    def fail(spec, artifact):
+        raise PandisError("out of room") from MemoryError()
+
+    monkeypatch.setattr(fields, "open_field", fail)
+    work = Work(Member("box", "box.obj", digest="0"), {}, {}, 0, {"exact": {}}, {})
+    with pytest.raises(PandisError, match="out of room"):
+        fields.field_files(None, None, work)
 
 
 def test_the_same_call_computes_nothing_and_gives_the_same_bytes(folder, tmp_path):

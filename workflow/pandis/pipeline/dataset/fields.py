@@ -5,6 +5,7 @@ import numpy as np
 from pandis.base.errors import PandisError
 from pandis.pipeline.kinds.native import export_native
 from pandis.pipeline.kinds.opening import open_field
+from pandis.pipeline.mesh.processes import lacks_memory
 from pandis.pipeline.run.ask.catalogue import known_field
 from pandis.pipeline.run.ask.kind import SearchTask
 from pandis.pipeline.run.ask.kinds import KINDS, build_task, kind_module
@@ -31,6 +32,11 @@ def field_files(repaired, body, work):
         answers.
     unbuilt : dict of str to str
         Why other fields cannot be built of this mesh.
+
+    Raises
+    ------
+    PandisError
+        Memory is short.
     """
     files, unbuilt, options = {}, {}, NativeOptions(**work.export)
     for name in sorted(work.builds):
@@ -42,6 +48,8 @@ def field_files(repaired, body, work):
             field = open_field(spec, artifact)
             files[name] = export_native(field, body, options, provenance=provenance, log=_silent)
         except PandisError as error:
+            if lacks_memory(error):  # more of it may help, so the mesh is tried again then
+                raise
             unbuilt[name] = str(error)
     return files, unbuilt
 

@@ -33,7 +33,8 @@ def key_of(work, code):
     """Return the digest of everything that the rows of a mesh depend on."""
     form = format_of(work.member.inside or work.member.source)
     member = work.member._replace(source="", inside="", licence="", tags="")
-    parts = [member, form, work.mesh, work.samples, work.builds, work.export, work.seed, code]
+    fields = work.builds and [work.builds, work.export]
+    parts = [member, form, work.mesh, work.samples, fields, work.seed, code]
     return hashlib.sha256(json.dumps(parts, sort_keys=True).encode()).hexdigest()
 
 

@@ -130,7 +130,7 @@ class _Views:
         self._tree, self._known = None, {}
 
     def burying(self, ajar):
-        """Return a mask of one room to open, the least enclosed of those that do, or of none.
+        """Return a mask of the room to open, the least enclosed one; nothing is set if none is.
 
         Parameters
         ----------
@@ -141,14 +141,15 @@ class _Views:
         shared = self._real & ajar[rooms].all(axis=1) & (rooms[:, 0] != rooms[:, 1])
         total, part = (np.bincount(rooms[which].reshape(-1), minlength=len(ajar))
                        for which in (self._real, shared))  # fmt: skip
-        large = np.flatnonzero(part > np.maximum(_SHARED_WALLS * total, _LOOKS))
-        for room in large:
-            if room not in self._known:
+        enclosed = {}
+        for room in np.flatnonzero(part > np.maximum(_SHARED_WALLS * total, _LOOKS)):
+            if room not in self._known:  # how far it is enclosed, and the share that is seen
                 self._known[room] = self._enclosed(room), self._share_seen(room, shared)
-        burying = [room for room in large if self._known[room] < (_ENCLOSED,)
-                   and self._known[room][1] > _SEEN]  # fmt: skip
-        if burying:
-            chosen[min(burying, key=self._known.get)] = True
+            turns, seen = self._known[room]
+            if turns < _ENCLOSED and seen > _SEEN:
+                enclosed[room] = turns
+        if enclosed:
+            chosen[min(enclosed, key=enclosed.get)] = True
         return chosen
 
     def _enclosed(self, room):
