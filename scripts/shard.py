@@ -5,8 +5,7 @@ from pandis.pipeline.run.ask.tasks import ShardTask
 from pandis.pipeline.run.job.stage import stage
 
 with stage(snakemake, ShardTask) as job:
-    code = job.provenance()["code"]["digest"]
-    shard = ShardBuilder(job.options, job.output[0], code=code, log=job.log)
+    shard = ShardBuilder(job.options, job.output[0], code=job.code_of_fields, log=job.log)
     shard.compute(job.threads, job.progress)
     job.write_pieces("shard", shard.columns(), shard.pieces(), attributes=shard.attributes())
     shard.remember()

@@ -193,14 +193,85 @@ def test_a_field_that_cannot_be_built_costs_nothing_else(folder, tmp_path):
         without.export("pandis", tmp_path / "fields")
 
 
-def test_a_field_that_lacks_memory_is_tried_again_with_its_mesh(monkeypatch):
-    def fail(spec, artifact):
-        raise PandisError("out of room") from MemoryError()
+def test_other_fields_compute_no_rows_and_give_the_bytes_of_a_new_store(folder, tmp_path):
+    """Fields that are added, taken off, or built otherwise; the mesh with materials is done anew"""
+    text = (folder / "round/ball.obj").read_text()
+    faces = [line for line in text.splitlines() if line.startswith("f ")]
+    (folder / "round/ball.obj").write_text(
+        text.replace(faces[0], f"usemtl red\n{faces[0]}").replace(faces[9], f"usemtl b\n{faces[9]}")
+    )
+    path = tmp_path / "parts.zarr"
+    label(folder, path)
+    steps = [["compact-10"], ["compact-10", "trilinear-24"], ["trilinear-16"], []]
+    for number, kinds in enumerate(steps):
+        _, computed = label(folder, path, fields=kinds, force=number > 1)
+        assert computed == 0
+        fresh, _ = label(folder, tmp_path / f"{number}/parts.zarr", fields=kinds)
+        assert files_of(path) == files_of(fresh.path)
+    assert fresh.facts["round/ball"].materials == 2
+    with pytest.raises(PandisError, match=r"other options \(fields\)"):
+        label(folder, tmp_path / "1/parts.zarr", fields=["trilinear-24"])
 
-    monkeypatch.setattr(fields, "open_field", fail)
-    work = Work(Member("box", "box.obj", digest="0"), {}, {}, 0, {"exact": {}}, {})
-    with pytest.raises(PandisError, match="out of room"):
-        fields.field_files(None, None, work)
+
+def test_a_field_that_fails_costs_no_rows_and_is_tried_again_with_more(tmp_path, monkeypatch):
+    shape("box", extents=(1, 1, 1)).export(tmp_path / "box.ply")
+    options = DatasetOptions.model_validate({"source": "x", "seed": 0})
+    [member] = members(options.model_copy(update={"source": str(tmp_path / "*.ply")}))
+    few = options.samples.model_dump() | {key: FEW[key] for key in ("surface", "near", "volume")}
+    work = Work(
+        member, options.mesh.model_dump(), few, 0, {"exact": {}}, {}, key="rows",
+        field_keys={"exact": "file"}, output=str(tmp_path / "box.npz"),
+    )  # fmt: skip
+
+    def answer(error, **changes):
+        def fail(name, work, **given):
+            assert worker.read_rows(work.output)[0].rows == 1200  # should this process be killed
+            if error:
+                raise error
+            return b"file"
+
+        monkeypatch.setattr(worker, "field_file", fail)
+        worker._answer(work._replace(**changes), lambda note: None)
+        facts, arrays = worker.read_rows(work.output)
+        assert (len(arrays["points"]), facts.failed) == (1200, None)
+        return facts
+
+    facts = answer(caused(PandisError("out of room"), MemoryError()))
+    assert facts.unbuilt == {"exact": "it needs more memory; raise memory_gb of the data set"}
+    assert fields.missing_fields(work, facts) == []
+    more = work._replace(limits=(300.0, 8.0))
+    assert fields.missing_fields(more, facts) == ["exact"]
+    monkeypatch.setattr(worker, "mesh_rows", None)  # the rows are there
+    assert answer(ImportError("c"), limits=more.limits).unbuilt["exact"].startswith("a defect of")
+    facts = answer(OSError(errno.EIO, "Input/output error"), limits=(300.0, 9.0))
+    assert (facts.again, fields.missing_fields(work, facts)) == (True, ["exact"])
+    facts = answer(None)
+    assert (facts.files, facts.unbuilt, facts.again) == ({"exact": 4}, {}, False)
+    assert fields.missing_fields(work, facts) == []
+    assert fields.missing_fields(work._replace(field_keys={"exact": "new"}), facts) == ["exact"]
+
+
+@pytest.mark.parametrize("killed", [False, True])
+def test_a_worker_that_is_lost_with_a_field_costs_no_rows(killed, folder, tmp_path, monkeypatch):
+    path, answers = tmp_path / "parts.zarr", Pool.answers
+    label(folder, path)
+
+    def lose(self, tasks):
+        lost = [work for work in tasks if work.member.name == "box"]
+        yield from ((work, Lost("field", "its process ended", killed=killed)) for work in lost)
+        yield from answers(self, [work for work in tasks if work not in lost])
+
+    with monkeypatch.context() as patch:
+        patch.setattr(Pool, "answers", lose)
+        store, _ = label(folder, path, fields=["exact"])
+    assert len(store.rows("box")["points"]) == 1200
+    assert store.facts["box"].unbuilt == {"exact": "its process ended"}
+    assert list(store.facts["cup"].files) == ["exact"]
+    store, _ = label(folder, path, fields=["exact"])
+    assert ("exact" in store.facts["box"].files) == killed
+    label(folder, path, fields=["exact"], seconds=100)
+    fresh, _ = label(folder, tmp_path / "fresh/parts.zarr", fields=["exact"], seconds=100)
+    assert files_of(path) == files_of(fresh.path)
 
 
 def test_the_same_call_computes_nothing_and_gives_the_same_bytes(folder, tmp_path):

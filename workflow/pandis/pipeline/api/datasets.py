@@ -134,12 +134,14 @@ def _make_folder(folder):
 
 
 def _begin(folder, dataset, *, force):
-    """Refuse a store of other options; note the options of a new one."""
+    """Refuse a store of other options, further fields apart; note the options of a new one."""
     begun = folder / _OPTIONS
     values = plain(dataset.model_dump(exclude={"seconds", "memory_gb", "shards"}))
     place, before = os.path.realpath(dataset.source), _options_of(begun)
     if before is not None and before.pop("place", None) == place:
         before["source"] = values["source"]  # the same, however it is spelled
+    if before and set(before.get("fields", ())) <= set(values["fields"]):
+        before["fields"] = values["fields"]  # further fields replace nothing
     if before not in (None, values):
         if not force:
             raise PandisError(

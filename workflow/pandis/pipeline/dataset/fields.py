@@ -2,10 +2,10 @@
 
 import numpy as np
 
-from pandis.base.errors import PandisError
+from pandis.base.frame import Frame
+from pandis.pipeline.dataset.reading import MESH, split_files
 from pandis.pipeline.kinds.native import export_native
 from pandis.pipeline.kinds.opening import open_field
-from pandis.pipeline.mesh.processes import lacks_memory
 from pandis.pipeline.run.ask.catalogue import known_field
 from pandis.pipeline.run.ask.kind import SearchTask
 from pandis.pipeline.run.ask.kinds import KINDS, build_task, kind_module
@@ -15,43 +15,101 @@ from pandis.pipeline.run.job.stage import silent_progress
 from pandis.pipeline.run.plan.stages import stage_seed
 
 
-def field_files(repaired, body, work):
-    """Build fields of a mesh, as the stages `bake` and `export_native` do.
+def missing_fields(work, facts):
+    """Return the names of the fields of a task that a mesh with rows lacks, sorted.
+
+    A field that lacked time or memory is missing once the limits are others.
 
     Parameters
     ----------
-    repaired : pandis.pipeline.run.job.artifact.Artifact
+    work : pandis.pipeline.dataset.rows.Work
+    facts : pandis.pipeline.run.records.dataset.MeshFacts
+    """
+    keys = {} if facts.failed else work.field_keys or {}
+    return [name for name in sorted(keys) if facts.field_keys.get(name)
+            not in (keys[name], _limited_key(work, name))]  # fmt: skip
+
+
+def _limited_key(work, name):
+    """Return the key of a field that cannot be built within the limits of a task."""
+    return " ".join(map(str, [work.field_keys[name], *work.limits]))
+
+
+def join_fields(work, arrays, facts, *, files, unbuilt):
+    """Return a mesh's arrays and facts with further fields.
+
+    Parameters
+    ----------
+    work : pandis.pipeline.dataset.rows.Work
+    arrays : dict
+    facts : pandis.pipeline.run.records.dataset.MeshFacts
+    files : dict of str to bytes
+    unbuilt : dict of str to dict
+        Why other fields cannot be built: ``reason``; ``limits`` if other limits may help; ``again``
+        if the next run may succeed.
+    """
+    names, keys = {*files, *unbuilt}, dict(facts.field_keys)
+    known = split_files(facts.files, arrays["files"])
+    known = {name: file.tobytes() for name, file in known.items() if name not in names} | files
+    why = {name: reason for name, reason in facts.unbuilt.items() if name not in names}
+    for name in files:
+        keys[name] = work.field_keys[name]
+    for name, cause in unbuilt.items():
+        why[name] = cause["reason"]
+        keys[name] = _limited_key(work, name) if "limits" in cause else work.field_keys[name]
+        if cause.get("again"):
+            del keys[name]
+    known, why, keys = (dict(sorted(part.items())) for part in (known, why, keys))
+    data = np.frombuffer(b"".join(known.values()), np.uint8)
+    update = {"files": {name: len(file) for name, file in known.items()}, "unbuilt": why}
+    update |= {"field_keys": keys, "again": any(cause.get("again") for cause in unbuilt.values())}
+    return arrays | {"files": data}, facts.model_copy(update=update)
+
+
+def only_fields(facts, names):
+    """Return facts without fields of other names."""
+    return facts.model_copy(update={
+        part: {name: value for name, value in getattr(facts, part).items() if name in names}
+        for part in ("files", "unbuilt", "field_keys")
+    })  # fmt: skip
+
+
+def stored_mesh(arrays, facts):
+    """Return the artifact of kind ``mesh`` of a mesh whose rows are stored.
+
+    It has no materials: fields of a mesh that has some are built from its source.
+    """
+    frame = Frame(facts.centre, facts.scale)
+    solid = {name: arrays[name] for name in MESH}
+    return Artifact("mesh", solid, frame.attributes() | {"shape": None})
+
+
+def field_file(name, work, *, mesh, body):
+    """Build a field of a mesh, as the stages `bake` and `export_native` do.
+
+    Parameters
+    ----------
+    name : str
+    work : pandis.pipeline.dataset.rows.Work
+    mesh : pandis.pipeline.run.job.artifact.Artifact
         The repaired mesh.
     body : pandis.pipeline.geometry.body.Body
-    work : pandis.pipeline.dataset.rows.Work
 
     Returns
     -------
-    files : dict of str to bytes
-        The ``.pandis`` files, by the fields' names, sorted. Each was compared with the library's
-        answers.
-    unbuilt : dict of str to str
-        Why other fields cannot be built of this mesh.
+    bytes
+        The ``.pandis`` file, which was compared with the library's answers.
 
     Raises
     ------
     PandisError
-        Memory is short.
+        The field cannot be built of this mesh.
     """
-    files, unbuilt, options = {}, {}, NativeOptions(**work.export)
-    for name in sorted(work.builds):
-        spec, artifact = known_field(name), repaired
-        provenance = {"mesh": work.member.name, "field": name, "key": work.key}
-        try:
-            if work.builds[name]:
-                artifact = _built(spec, repaired, work)
-            field = open_field(spec, artifact)
-            files[name] = export_native(field, body, options, provenance=provenance, log=_silent)
-        except PandisError as error:
-            if lacks_memory(error):  # more of it may help, so the mesh is tried again then
-                raise
-            unbuilt[name] = str(error)
-    return files, unbuilt
+    spec = known_field(name)
+    provenance = {"mesh": work.member.name, "field": name, "key": work.field_keys[name]}
+    artifact = _built(spec, mesh, work) if work.builds[name] else mesh
+    options, field = NativeOptions(**work.export), open_field(spec, artifact)
+    return export_native(field, body, options, provenance=provenance, log=_silent)
 
 
 def _silent(text):

@@ -26,6 +26,12 @@ FILES = {"files": ((), np.uint8)}
 PARTS = ("rows", *MESH, *FILES)
 
 
+def split_files(sizes, data):
+    """Return the files of a mesh's fields, given their sizes by name and the array ``files``."""
+    ends = np.cumsum(list(sizes.values()))[:-1]
+    return dict(zip(sizes, np.split(data, ends), strict=True)) if sizes else {}
+
+
 def read_record(path, record):
     """Return the record and the digest of an artifact, without reading its arrays.
 

@@ -16,7 +16,6 @@ import numpy as np
 from pandis.base.errors import PandisError
 from pandis.base.files import file_digest
 from pandis.base.streams import generator
-from pandis.pipeline.dataset.fields import field_files
 from pandis.pipeline.dataset.reading import ROWS
 from pandis.pipeline.geometry.body import Body
 from pandis.pipeline.geometry.strata import STRATA, Strata
@@ -64,7 +63,8 @@ class Work(NamedTuple):
 
     ``seed`` is the root of the data set's random numbers, ``builds`` and ``export`` are the options
     of fields (as in `ShardTask`), ``key`` is the digest of everything that the rows depend on,
-    ``limits`` seconds and memory (GiB).
+    ``field_keys`` are those of the fields, and ``limits`` seconds and memory (GiB). ``before`` is
+    an older shard that contains the mesh, and its place there.
     """
 
     member: Member
@@ -74,6 +74,8 @@ class Work(NamedTuple):
     builds: dict | None = None
     export: dict | None = None
     key: str = ""
+    field_keys: dict | None = None
+    before: tuple | None = None
     output: str = ""
     limits: tuple = (300.0, 4.0)
 
@@ -101,8 +103,10 @@ def mesh_rows(work, note):
     -------
     arrays : dict
         `pandis.pipeline.dataset.reading.ROWS`: points in the unit frame, exactly labelled as they
-        are stored, in random order; ``MESH`` and ``FILES``.
+        are stored, in random order; ``MESH`` and empty ``FILES``.
     facts : pandis.pipeline.run.records.dataset.MeshFacts
+    repaired : pandis.pipeline.run.job.artifact.Artifact
+        The repaired mesh.
 
     Raises
     ------
@@ -122,14 +126,9 @@ def mesh_rows(work, note):
     samples = SampleOptions(**work.samples)
     strata = Strata(body, samples, stage_seed(seed, member.name, "sample"))
     rows = _labelled(body, strata, generator(stage_seed(seed, member.name, "rows"), _ORDER))
-    facts, files, unbuilt = _facts(MeshRecord.of(repaired), body, strata.count), {}, {}
-    if work.builds:
-        note("field")
-        files, unbuilt = field_files(repaired, body, work)
-    data = np.frombuffer(b"".join(files.values()), np.uint8)
-    shape = {"vertices": body.vertices, "faces": body.faces, "files": data}
-    sizes = {name: len(file) for name, file in files.items()}
-    return rows | shape, facts.model_copy(update={"files": sizes, "unbuilt": unbuilt})
+    facts = _facts(MeshRecord.of(repaired), body, strata.count)
+    shape = {"vertices": body.vertices, "faces": body.faces, "files": np.empty(0, np.uint8)}
+    return rows | shape, facts.model_copy(update={"key": work.key}), repaired
 
 
 def _labelled(body, strata, rng):
@@ -187,6 +186,7 @@ def _facts(record, body, rows):
         repair=[rung.operation for rung in record.rungs if rung.kept],
         moved_percent=0.0 if record.shape else 100 * record.moved / after["diagonal"],
         faces_read=before["faces"],
+        materials=len(body.regions.names) if body.regions else 0,
         centre=tuple(map(float, body.frame.centre)),
         scale=float(body.frame.scale),
         **{key: after[key] for key in ("faces", "components", "genus", "volume", "area")},

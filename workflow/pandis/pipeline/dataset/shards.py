@@ -9,21 +9,21 @@ import json
 import os
 import shutil
 import time
-import zipfile
 from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
 
 from pandis.base.errors import PandisError
+from pandis.pipeline.dataset.fields import join_fields, missing_fields, only_fields
 from pandis.pipeline.dataset.pool import Lost, Pool
-from pandis.pipeline.dataset.reading import FILES, MESH, PARTS, ROWS, Shard
+from pandis.pipeline.dataset.reading import FILES, MESH, PARTS, ROWS, Shard, split_files
 from pandis.pipeline.dataset.rows import Work
-from pandis.pipeline.dataset.worker import failure, write_rows
+from pandis.pipeline.dataset.worker import failure, read_rows, write_rows
 from pandis.pipeline.run.ask.members import list_digest, members
 from pandis.pipeline.run.ask.sharding import shard_of
 from pandis.pipeline.run.ask.sourcing import format_of
-from pandis.pipeline.run.records.dataset import MeshFacts, ShardRecord
+from pandis.pipeline.run.records.dataset import ShardRecord
 
 #: Facts of the plan, which may change without the rows.
 _PLANNED = ("name", "source", "inside", "licence", "tags")
@@ -33,8 +33,15 @@ def key_of(work, code):
     """Return the digest of everything that the rows of a mesh depend on."""
     form = format_of(work.member.inside or work.member.source)
     member = work.member._replace(source="", inside="", licence="", tags="")
-    fields = work.builds and [work.builds, work.export]
-    parts = [member, form, work.mesh, work.samples, fields, work.seed, code]
+    return _digest(member, form, work.mesh, work.samples, work.seed, code)
+
+
+def field_key(work, name, code):
+    """Return the digest of everything that the file of a field of a mesh depends on."""
+    return _digest(work.key, name, work.builds[name], work.export, code)
+
+
+def _digest(*parts):
     return hashlib.sha256(json.dumps(parts, sort_keys=True).encode()).hexdigest()
 
 
@@ -46,8 +53,8 @@ class ShardBuilder:
     options : pandis.pipeline.run.ask.tasks.ShardTask
     path : path-like
         The shard's artifact.
-    code : str
-        Digest of the code.
+    code : callable
+        Returns the digest of the code that rows and these fields, by name, depend on.
     log : pandis.base.progress.Log
     """
 
@@ -55,9 +62,10 @@ class ShardBuilder:
         self.options, self.path, self.log = options, Path(path), log
         self.before = self.path.parent / ".resume"
         self.folder = self.before / f"{options.shard:05}-of-{options.shards:05}"
-        self.works = [self._work(member, code) for member in self._members()]
+        codes = {name: code((name,)) for name in options.builds}
+        self.works = [self._work(member, code(()), codes) for member in self._members()]
         self.facts = {}  # by key
-        self.old = {}  # shards with rows of a mesh, by key
+        self.old = {}  # shards with rows of a mesh, and its place there, by key
         self._outdated = set()  # keys of meshes that older shards have by another key
 
     def _members(self):
@@ -72,35 +80,39 @@ class ShardBuilder:
             )
         return listed
 
-    def _work(self, member, code):
+    def _work(self, member, code, codes):
         options, override = self.options, self.options.override.get(member.name, {})
         mesh = options.mesh.model_dump() | override.get("mesh", {})
         samples = options.samples.model_dump() | override.get("samples", {})
         work = Work(
             member, mesh, samples, options.seed, options.builds, options.export.model_dump()
         )
-        key = key_of(work, code)
-        output = str(self.folder / f"{key[:32]}.npz")
-        return work._replace(key=key, output=output, limits=tuple(self._limits))
+        work = work._replace(key=key_of(work, code), limits=tuple(self._limits))
+        keys = {name: field_key(work, name, codes[name]) for name in work.builds}
+        output = str(self.folder / f"{work.key[:32]}.npz")
+        return work._replace(field_keys=keys, output=output)
 
     def compute(self, workers, progress):
         """Compute the meshes that neither an older shard nor an interrupted job has."""
         self.folder.mkdir(parents=True, exist_ok=True)
         self._look_back()
-        todo = []
+        todo, lacking = [], []
         for work in self.works:
             if work.member.fault:
                 self.facts[work.key] = failure("plan", work.member.fault, key=work.key)
-            elif work.key not in self.facts and not self._resume(work):
+            elif not self._resume(work) and work.key not in self.facts:
                 todo.append(work)
+            elif missing_fields(work, self.facts[work.key]):
+                lacking.append(work._replace(before=self._place(work)))
         self._sweep()
-        finished = len(self.works) - len(todo)
         outdated = sum(work.key in self._outdated for work in todo)
         self.log(
             f"{len(self.works)} meshes, {len(todo)} of them to compute"
             + f" ({outdated} because the file, an option, the code or a package that it uses "
-            "changed)" * (outdated > 0)
+            "changed)" * (outdated > 0) + f"; {len(lacking)} lack fields" * (len(lacking) > 0)
         )
+        todo += lacking
+        finished = len(self.works) - len(todo)
         report, start = progress("meshes", len(self.works), "meshes"), time.monotonic()
         report.resume(finished)
         pool = Pool(workers, seconds=self.options.seconds, memory_gb=self.options.memory_gb)
@@ -112,37 +124,59 @@ class ShardBuilder:
 
     def _take(self, work, answer):
         if isinstance(answer, Lost):
-            why = {"again": True} if answer.killed else {"limits": self._limits}
-            facts = failure(answer.stage, str(answer), key=work.key, **why)
-            write_rows(work.output, facts)
+            self._lose(work, answer)
         if not self._resume(work, current=False):
             raise PandisError(f"{work.output}: a worker's result is damaged; run again")
         failed = self.facts[work.key].failed
         if failed:
             self.log(f"{work.member.name}: {failed.stage}: {failed.reason}")
 
+    def _lose(self, work, lost):
+        """Write what is left of a mesh whose worker was lost: its rows, if it had them."""
+        why = {"again": True} if lost.killed else {"limits": self._limits}
+        facts, arrays = self._rows(work)
+        if facts is None:
+            facts = failure(lost.stage, str(lost), key=work.key, **why)
+        else:
+            unbuilt = dict.fromkeys(missing_fields(work, facts), {"reason": str(lost)} | why)
+            arrays, facts = join_fields(work, arrays, facts, files={}, unbuilt=unbuilt)
+        write_rows(work.output, facts, arrays)
+
+    def _rows(self, work):
+        """Return facts and arrays of a mesh whose rows are known, else None twice."""
+        facts, arrays = read_rows(work.output) or (None, None)
+        if facts and not facts.failed and facts.key == work.key:
+            return facts, arrays
+        if work.key in self.old:
+            shard, place = self.old[work.key]
+            return shard.meshes[place], shard.arrays(place)
+        return None, None
+
     def _resume(self, work, *, current=True):
         """Read the facts of a mesh that was computed already; return whether there are any.
 
         With ``current``, facts that another try may change do not count.
         """
-        try:
-            with np.load(work.output) as stored:
-                facts = MeshFacts.model_validate_json(str(stored["facts"]))
-        except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile):
-            return False
-        if current and not self._is_current(facts, work.key):
+        facts, _ = read_rows(work.output, arrays=False) or (None, None)
+        if facts is None or (current and not self._is_current(facts, work.key)):
             return False
         self.facts[work.key] = facts
+        self.old.pop(work.key, None)
         return True
+
+    def _place(self, work):
+        """Return the older shard that contains the rows of a mesh, and its place there, or None."""
+        shard, place = self.old.get(work.key, (None, 0))
+        return shard and (str(shard.path), place)
 
     @property
     def _limits(self):
         return [self.options.seconds, self.options.memory_gb]
 
     def _is_current(self, facts, key):
-        """Return whether facts are those of a key, and would not change with these limits."""
-        return facts.key == key and not facts.again and facts.limits in (None, self._limits)
+        """Return whether the rows, or their lack, are those of a key and of these limits."""
+        lasts = not facts.again and facts.limits in (None, self._limits)
+        return facts.key == key and (lasts or not facts.failed)
 
     def _look_back(self):
         """Note which meshes the last versions of shards contain, whatever their number was."""
@@ -189,8 +223,11 @@ class ShardBuilder:
             columns[name] = {"shape": (int(counts[name].sum()), *shape), "dtype": kind}
         return columns
 
+    def _facts(self, work):
+        return only_fields(self.facts[work.key], work.builds)
+
     def _range(self, work):
-        facts = self.facts[work.key]
+        facts = self._facts(work)
         counts = facts.rows, facts.vertices, facts.faces, sum(facts.files.values())
         return [value for count in counts for value in (0, 0 if facts.failed else count)]
 
@@ -207,16 +244,15 @@ class ShardBuilder:
         if self.facts[work.key].failed:
             return {name: np.empty((0, *shape), kind)
                     for name, (shape, kind) in (ROWS | MESH | FILES).items()}  # fmt: skip
-        if work.key in self.old:
-            shard, index = self.old[work.key]
-            return shard.arrays(index)
-        with np.load(work.output) as stored:
-            return {name: stored[name] for name in ROWS | MESH | FILES}
+        facts, arrays = self._rows(work)
+        files = split_files(facts.files, arrays["files"])
+        chosen = [files[name] for name in self._facts(work).files]
+        return arrays | {"files": np.concatenate([np.empty(0, np.uint8), *chosen])}
 
     def attributes(self):
         """Return the attributes: facts about every mesh, in the order of their names."""
         meshes = [
-            self.facts[work.key].model_copy(
+            self._facts(work).model_copy(
                 update={key: getattr(work.member, key) for key in _PLANNED}
             )
             for work in self.works

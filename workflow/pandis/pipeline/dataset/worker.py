@@ -10,6 +10,8 @@ import os
 import resource
 import signal
 import sys
+import zipfile
+import zlib
 from contextlib import suppress
 from pathlib import Path
 
@@ -17,7 +19,10 @@ import numpy as np
 
 from pandis.base.errors import PandisError, ReadError, RepairError
 from pandis.base.files import AtomicFile
+from pandis.pipeline.dataset.fields import field_file, join_fields, missing_fields, stored_mesh
+from pandis.pipeline.dataset.reading import FILES, MESH, ROWS, Shard
 from pandis.pipeline.dataset.rows import PassingError, Work, mesh_rows
+from pandis.pipeline.geometry.body import Body
 from pandis.pipeline.mesh import tools
 from pandis.pipeline.mesh.processes import lacks_memory
 from pandis.pipeline.run.records.dataset import Failure, MeshFacts
@@ -45,6 +50,17 @@ def write_rows(path, facts, arrays=None):
         raise AtomicFile(path).explain(error) from error
 
 
+def read_rows(path, *, arrays=True):
+    """Return what `write_rows` wrote: facts, and arrays if wanted; None if that is damaged."""
+    try:
+        with np.load(path) as stored:
+            facts = MeshFacts.model_validate_json(str(stored["facts"]))
+            names = ROWS | MESH | FILES if arrays and not facts.failed else ()
+            return facts, {name: stored[name] for name in names}
+    except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile, zlib.error):
+        return None
+
+
 def failure(stage, reason, **more):
     """Return the facts of a mesh that came to nothing."""
     option = more.pop("option", {})
@@ -66,6 +82,28 @@ def _explain(error, limits):
     return {"reason": f"a defect of pandis, please report it ({what})", "limits": limits}
 
 
+def _known_rows(work):
+    """Return arrays, facts and the mesh of a task whose rows were written before, or None."""
+    facts, arrays = read_rows(work.output) or (None, None)
+    if facts is None or facts.failed or facts.key != work.key:
+        if work.before is None:
+            return None
+        shard, place = Shard(work.before[0]), work.before[1]
+        facts, arrays = shard.meshes[place], shard.arrays(place)
+    return None if facts.materials else (arrays, facts, stored_mesh(arrays, facts))
+
+
+def _with_fields(work, arrays, facts, *, mesh):
+    """Return arrays and facts with the missing fields, or with why they cannot be built."""
+    body, files, unbuilt = Body.open(mesh), {}, {}
+    for name in missing_fields(work, facts):
+        try:
+            files[name] = field_file(name, work, mesh=mesh, body=body)
+        except Exception as error:
+            unbuilt[name] = _explain(error, list(work.limits))
+    return join_fields(work, arrays, facts, files=files, unbuilt=unbuilt)
+
+
 def _answer(work, note):
     """Label a mesh, write its rows or why there are none, and return the answer."""
     stage = ["read"]
@@ -77,10 +115,13 @@ def _answer(work, note):
 
     arrays, limits = None, list(work.limits)
     try:
-        arrays, facts = mesh_rows(work, enter)
+        arrays, facts, mesh = _known_rows(work) or mesh_rows(work, enter)
+        if missing_fields(work, facts):
+            write_rows(work.output, facts, arrays)  # they are safe, whatever becomes of a field
+            enter("field")
+            arrays, facts = _with_fields(work, arrays, facts, mesh=mesh)
     except Exception as error:
-        facts = failure(stage[0], **_explain(error, limits))
-    facts = facts.model_copy(update={"key": work.key})
+        facts = failure(stage[0], **_explain(error, limits), key=work.key)
     try:
         write_rows(work.output, facts, arrays)
     except MemoryError:

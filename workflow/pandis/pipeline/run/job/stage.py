@@ -167,7 +167,7 @@ class Job:
     def check_code(self):
         """Raise if the code is not the code that was planned; otherwise set the options."""
         here = Path(__file__).resolve().parents[3]
-        digests = CodeDigests(self.workflow())
+        self._code = digests = CodeDigests(self.workflow())
         expected = digests.root / "pandis"
         if here != expected:
             raise PandisError(
@@ -182,6 +182,10 @@ class Job:
             self.options = self._task(**self._params)
         except ValueError as error:
             raise PandisError(f"{CHANGED} ({error})") from error
+
+    def code_of_fields(self, names):
+        """Return the digest of the part of this stage's code that these of its fields need."""
+        return combine(self._code.modules(self.stage, needs({"builds": dict.fromkeys(names)})))
 
     def checkpoint(self):
         """Return the path where an unfinished result may be stored.

@@ -26,7 +26,8 @@ class MeshFacts(Record):
         Digest of everything that the rows depend on.
     failed : Failure or None
     again : bool
-        Whether the next run is to try again: the cause lay outside of the mesh.
+        Whether the next run is to try again, a field if there are rows: the cause lay outside of
+        the mesh.
     limits : list of float or None
         Seconds and memory (GiB) with which the mesh failed, if others may help.
     shard : list of int
@@ -36,6 +37,10 @@ class MeshFacts(Record):
         Sizes of the files of its fields, bytes, sorted by name.
     unbuilt : dict of str to str
         Why there is no file of other fields.
+    field_keys : dict of str to str
+        For each of both, the digest of everything that the file depends on.
+    materials : int
+        Number of materials of its faces, which the files know.
     unit, format : str
     notes : list of str
         Remarks of the reader.
@@ -75,6 +80,8 @@ class MeshFacts(Record):
     faces: int = 0
     files: dict[str, int] = Field(default_factory=dict)
     unbuilt: dict[str, str] = Field(default_factory=dict)
+    field_keys: dict[str, str] = Field(default_factory=dict)
+    materials: int = 0
     unit: str = "unknown"
     format: str = ""
     notes: list[str] = Field(default_factory=list)
