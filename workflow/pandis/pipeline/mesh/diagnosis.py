@@ -190,8 +190,7 @@ def altitudes(corners):
 def _odd_windings(tree, used):
     half = np.ptp(used, axis=0) / 2
     points = np.random.default_rng(0).uniform(-1, 1, (WINDING_POINTS, 3)) * half
-    # the mesh is closed, so winding numbers are whole: only 0 and 1 are within 0.75 of 0.5
-    return int((np.abs(tree.windings(points) - 0.5) > 0.75).sum())
+    return int((~np.isin(tree.whole_windings(points), (0, 1))).sum())
 
 
 def _parts(component, count, volumes, *, depth):

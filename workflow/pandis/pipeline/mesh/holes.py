@@ -14,6 +14,8 @@ from pandis.pipeline.mesh.topology import crossing_faces, edges_of
 _WEIGHTS = ("fold", "area")
 #: Area charged for a triangle of zero area, in a polygon scaled to size 1.
 _FLAT = 1e3
+#: Triangles of diagonals of one span that are compared at once.
+_AT_ONCE = 1 << 18
 
 
 def fill_holes(vertices, faces):
@@ -145,23 +147,28 @@ def least_cost_triangles(points, weight="area", rim_normal=None, *, forbidden=No
     normal[step, step + 1] = rim_normal[:-1]
     order = (2, 1, 0) if weight == "fold" else (2, 0, 1)  # lexsort's primary key is last
     for span in range(2, n):
-        for i in range(n - span):
+        starts = np.arange(n - span)
+        if forbidden and span < n - 1:
+            allowed = [start for start in starts if not forbidden(start, start + span)]
+            starts = np.array(allowed, np.int64)
+        for i in np.array_split(starts, 1 + len(starts) * span // _AT_ONCE):
             k = i + span
-            m = np.arange(i + 1, k)
-            if forbidden and span < n - 1 and forbidden(i, k):
-                continue
-            face_normal, area = _normals(points[[i]], points[m], points[[k]])
-            fold = np.maximum(_fold(face_normal, normal[i, m]), _fold(face_normal, normal[m, k]))
+            m = i[:, None] + np.arange(1, span)
+            left, right = (i[:, None], m), (m, k[:, None])
+            face_normal, area = _normals(points[i, None], points[m], points[k, None])
+            fold = np.maximum(_fold(face_normal, normal[left]), _fold(face_normal, normal[right]))
             if span == n - 1:
                 fold = np.maximum(fold, _fold(face_normal, rim_normal[-1]))
-            fold = np.maximum(fold, np.maximum(cost[i, m, 0], cost[m, k, 0]))
-            area = np.where(area > 1e-12, area, _FLAT) + cost[i, m, 1] + cost[m, k, 1]
+            before, after = cost[left], cost[right]
+            fold = np.maximum(fold, np.maximum(before[..., 0], after[..., 0]))
+            area = np.where(area > 1e-12, area, _FLAT) + before[..., 1] + after[..., 1]
             fold = np.where(np.isfinite(area), fold, np.inf)
-            spread = ((points[k] - points[i]) ** 2).sum() + cost[i, m, 2] + cost[m, k, 2]
+            chord = ((points[k] - points[i]) ** 2).sum(axis=-1)
+            spread = chord[:, None] + before[..., 2] + after[..., 2]
             # sums in different orders differ in the last bits: treat such costs as equal
             keys = [np.round(key, 10) for key in (fold, area, spread)]
-            best = np.lexsort([keys[key] for key in order])[0]
-            cost[i, k] = fold[best], area[best], spread[best]
+            best = np.arange(len(i)), np.lexsort([keys[key] for key in order])[:, 0]
+            cost[i, k] = np.stack([fold[best], area[best], spread[best]], axis=-1)
             normal[i, k], middle[i, k] = face_normal[best], m[best]
     if not np.isfinite(cost[0, n - 1, 1]):
         return np.empty((0, 3), np.int64)
