@@ -245,6 +245,8 @@ def test_a_field_that_fails_costs_no_rows_and_is_tried_again_with_more(tmp_path,
     assert answer(ImportError("c"), limits=more.limits).unbuilt["exact"].startswith("a defect of")
     facts = answer(OSError(errno.EIO, "Input/output error"), limits=(300.0, 9.0))
     assert (facts.again, fields.missing_fields(work, facts)) == (True, ["exact"])
+    assert fields.only_fields(work, facts) == facts
+    assert not fields.only_fields(work._replace(builds={}, field_keys={}), facts).again
     facts = answer(None)
     assert (facts.files, facts.unbuilt, facts.again) == ({"exact": 4}, {}, False)
     assert fields.missing_fields(work, facts) == []

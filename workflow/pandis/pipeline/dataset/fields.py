@@ -66,12 +66,14 @@ def join_fields(work, arrays, facts, *, files, unbuilt):
     return arrays | {"files": data}, facts.model_copy(update=update)
 
 
-def only_fields(facts, names):
-    """Return facts without fields of other names."""
-    return facts.model_copy(update={
-        part: {name: value for name, value in getattr(facts, part).items() if name in names}
+def only_fields(work, facts):
+    """Return facts without the fields that a task does not ask for."""
+    parts = {
+        part: {name: value for name, value in getattr(facts, part).items() if name in work.builds}
         for part in ("files", "unbuilt", "field_keys")
-    })  # fmt: skip
+    }
+    again = facts.again and bool(facts.failed or missing_fields(work, facts))
+    return facts.model_copy(update=parts | {"again": again})
 
 
 def stored_mesh(arrays, facts):

@@ -224,7 +224,7 @@ class ShardBuilder:
         return columns
 
     def _facts(self, work):
-        return only_fields(self.facts[work.key], work.builds)
+        return only_fields(work, self.facts[work.key])
 
     def _range(self, work):
         facts = self._facts(work)
