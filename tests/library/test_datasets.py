@@ -27,7 +27,7 @@ from pandis.base.errors import PandisError, ReadError
 from pandis.pipeline.dataset import fields, worker
 from pandis.pipeline.dataset.layouts import LAYOUTS
 from pandis.pipeline.dataset.pool import Lost, Pool
-from pandis.pipeline.dataset.reading import MESH, ROWS
+from pandis.pipeline.dataset.reading import MESH, ROWS, Shard
 from pandis.pipeline.dataset.rows import Work
 from pandis.pipeline.geometry.strata import STRATA
 from pandis.pipeline.mesh import tools
@@ -365,6 +365,24 @@ def test_a_killed_call_goes_on_where_it_was(folder, tmp_path):
     assert len(store.names) == 9
     fresh, _ = label(folder, tmp_path / "fresh/parts.zarr")
     assert files_of(fresh.path) == files_of(path)
+
+
+def test_rows_that_were_damaged_by_a_power_cut_are_computed_again(folder, tmp_path):
+    path = tmp_path / "parts.zarr"
+    label(folder, path)
+    whole, shard = files_of(path), Shard(path / "shards/00000.zarr.zip")
+    rest = path / "shards/.resume/00000-of-00001"
+    rest.mkdir()
+    for place, facts in enumerate(shard.meshes):
+        part = rest / f"{facts.key[:32]}.npz"
+        worker.write_rows(part, facts, {} if facts.failed else shard.arrays(place))
+    data = bytearray(part.read_bytes())
+    data[len(data) // 2] ^= 1  # its facts, which come first, are whole
+    part.write_bytes(data)
+    shard.path.unlink()
+    next((path / "shards/.resume").glob("*.zip")).unlink()
+    assert label(folder, path)[1] == 1
+    assert files_of(path) == whole
 
 
 # --- limits and refusals ----------------------------------------------------------------------

@@ -157,7 +157,7 @@ class ShardBuilder:
 
         With ``current``, facts that another try may change do not count.
         """
-        facts, _ = read_rows(work.output, arrays=False) or (None, None)
+        facts, _ = read_rows(work.output) or (None, None)
         if facts is None or (current and not self._is_current(facts, work.key)):
             return False
         self.facts[work.key] = facts

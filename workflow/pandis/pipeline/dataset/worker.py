@@ -50,12 +50,12 @@ def write_rows(path, facts, arrays=None):
         raise AtomicFile(path).explain(error) from error
 
 
-def read_rows(path, *, arrays=True):
-    """Return what `write_rows` wrote: facts, and arrays if wanted; None if that is damaged."""
+def read_rows(path):
+    """Return the facts and arrays that `write_rows` wrote, or None if there are none undamaged."""
     try:
         with np.load(path) as stored:
             facts = MeshFacts.model_validate_json(str(stored["facts"]))
-            names = ROWS | MESH | FILES if arrays and not facts.failed else ()
+            names = () if facts.failed else ROWS | MESH | FILES
             return facts, {name: stored[name] for name in names}
     except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile, zlib.error):
         return None
