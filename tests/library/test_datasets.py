@@ -193,6 +193,7 @@ def test_a_field_that_cannot_be_built_costs_nothing_else(folder, tmp_path):
         without.export("pandis", tmp_path / "fields")
 
 
+@pytest.mark.slow
 def test_other_fields_compute_no_rows_and_give_the_bytes_of_a_new_store(folder, tmp_path):
     """Fields that are added, taken off, or built otherwise; the mesh with materials is done anew"""
     text = (folder / "round/ball.obj").read_text()
@@ -253,6 +254,7 @@ def test_a_field_that_fails_costs_no_rows_and_is_tried_again_with_more(tmp_path,
     assert fields.missing_fields(work._replace(field_keys={"exact": "new"}), facts) == ["exact"]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("killed", [False, True])
 def test_a_worker_that_is_lost_with_a_field_costs_no_rows(killed, folder, tmp_path, monkeypatch):
     path, answers = tmp_path / "parts.zarr", Pool.answers
