@@ -248,6 +248,9 @@ def test_a_field_that_fails_costs_no_rows_and_is_tried_again_with_more(tmp_path,
     assert (facts.again, fields.missing_fields(work, facts)) == (True, ["exact"])
     assert fields.only_fields(work, facts) == facts
     assert not fields.only_fields(work._replace(builds={}, field_keys={}), facts).again
+    monkeypatch.setattr(worker, "_known_rows", lambda work: 1 / 0)  # not written over the rows
+    assert worker._answer(work, lambda note: None)["failed"][0] == "read"
+    monkeypatch.undo()
     facts = answer(None)
     assert (facts.files, facts.unbuilt, facts.again) == ({"exact": 4}, {}, False)
     assert fields.missing_fields(work, facts) == []
@@ -255,26 +258,35 @@ def test_a_field_that_fails_costs_no_rows_and_is_tried_again_with_more(tmp_path,
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("killed", [False, True])
-def test_a_worker_that_is_lost_with_a_field_costs_no_rows(killed, folder, tmp_path, monkeypatch):
+@pytest.mark.parametrize(
+    ("answer", "again"),
+    [
+        (Lost("field exact", "its process ended"), False),
+        (Lost("read", "its process ended", killed=True), True),
+        (["read", {"reason": "its process ended", "again": True}], True),
+    ],
+)
+def test_a_task_that_fails_costs_no_rows(answer, again, folder, tmp_path, monkeypatch):
     path, answers = tmp_path / "parts.zarr", Pool.answers
     label(folder, path)
 
     def lose(self, tasks):
         lost = [work for work in tasks if work.member.name == "box"]
-        yield from ((work, Lost("field", "its process ended", killed=killed)) for work in lost)
+        yield from ((work, answer) for work in lost)
         yield from answers(self, [work for work in tasks if work not in lost])
 
     with monkeypatch.context() as patch:
         patch.setattr(Pool, "answers", lose)
-        store, _ = label(folder, path, fields=["exact"])
+        store, _ = label(folder, path, fields=["exact", "trilinear-16"])
     assert len(store.rows("box")["points"]) == 1200
-    assert store.facts["box"].unbuilt == {"exact": "its process ended"}
-    assert list(store.facts["cup"].files) == ["exact"]
-    store, _ = label(folder, path, fields=["exact"])
-    assert ("exact" in store.facts["box"].files) == killed
-    label(folder, path, fields=["exact"], seconds=100)
-    fresh, _ = label(folder, tmp_path / "fresh/parts.zarr", fields=["exact"], seconds=100)
+    assert store.facts["box"].unbuilt["exact"] == "its process ended"
+    assert list(store.facts["cup"].files) == ["exact", "trilinear-16"]
+    store, _ = label(folder, path, fields=["exact", "trilinear-16"])
+    assert ("exact" in store.facts["box"].files) == again
+    assert "trilinear-16" in store.facts["box"].files  # whatever its neighbour did
+    more = {"fields": ["exact", "trilinear-16"], "seconds": 100}
+    label(folder, path, **more)
+    fresh, _ = label(folder, tmp_path / "fresh/parts.zarr", **more)
     assert files_of(path) == files_of(fresh.path)
 
 

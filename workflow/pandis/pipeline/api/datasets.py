@@ -140,7 +140,7 @@ def _begin(folder, dataset, *, force):
     place, before = os.path.realpath(dataset.source), _options_of(begun)
     if before is not None and before.pop("place", None) == place:
         before["source"] = values["source"]  # the same, however it is spelled
-    if before and set(before.get("fields", ())) <= set(values["fields"]):
+    if before and set(before.get("fields") or ()) <= set(values["fields"]):
         before["fields"] = values["fields"]  # further fields replace nothing
     if before not in (None, values):
         if not force:

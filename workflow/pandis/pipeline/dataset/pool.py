@@ -20,7 +20,14 @@ from pandis.base.errors import PandisError
 _WORKER = "pandis.pipeline.dataset.worker"
 #: Tasks after which a worker is replaced, so that what libraries leak stays small.
 _TASKS = 500
-_ONE_THREAD = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "IGL_NUM_THREADS")
+#: One thread, whose memory is in one arena: others would take address space, which is limited.
+_ONE_THREAD = (
+    "MALLOC_ARENA_MAX",
+    "OMP_NUM_THREADS",
+    "OPENBLAS_NUM_THREADS",
+    "MKL_NUM_THREADS",
+    "IGL_NUM_THREADS",
+)
 
 
 class Lost(Exception):
@@ -124,7 +131,13 @@ class _Worker:
         self._rest = b""
 
     def answer(self, task):
-        """Return the answer to a task; raise `Lost` if the process ends or takes too long."""
+        """Return stage and cause of a failure that is not written, or None.
+
+        Raises
+        ------
+        Lost
+            The process ends or takes too long.
+        """
         stage, until = "read", time.monotonic() + self.seconds
         with suppress(BrokenPipeError):  # the end of its output says why
             self.process.stdin.write(task.to_json().encode() + b"\n")
@@ -134,7 +147,7 @@ class _Worker:
             if "refused" in message:
                 raise PandisError(message["refused"])
             if "written" in message:
-                return message["written"]
+                return message.get("failed")
             stage = message["stage"]
 
     def _line(self, stage, until):

@@ -124,21 +124,28 @@ class ShardBuilder:
 
     def _take(self, work, answer):
         if isinstance(answer, Lost):
-            self._lose(work, answer)
+            why = {"again": True} if answer.killed else {"limits": self._limits}
+            self._fail(work, answer.stage, {"reason": str(answer)} | why)
+        elif answer:
+            self._fail(work, *answer)
         if not self._resume(work, current=False):
             raise PandisError(f"{work.output}: a worker's result is damaged; run again")
         failed = self.facts[work.key].failed
         if failed:
             self.log(f"{work.member.name}: {failed.stage}: {failed.reason}")
 
-    def _lose(self, work, lost):
-        """Write what is left of a mesh whose worker was lost: its rows, if it had them."""
-        why = {"again": True} if lost.killed else {"limits": self._limits}
+    def _fail(self, work, stage, cause):
+        """Write why a mesh came to nothing, or its rows with why a field did.
+
+        Fields after the one at fault are left for the next run.
+        """
         facts, arrays = self._rows(work)
         if facts is None:
-            facts = failure(lost.stage, str(lost), key=work.key, **why)
+            facts = failure(stage, **cause, key=work.key)
         else:
-            unbuilt = dict.fromkeys(missing_fields(work, facts), {"reason": str(lost)} | why)
+            missing, later = missing_fields(work, facts), {"reason": "not tried", "again": True}
+            at_fault = [name for name in missing if stage == f"field {name}"] or missing
+            unbuilt = {name: cause if name in at_fault else later for name in missing}
             arrays, facts = join_fields(work, arrays, facts, files={}, unbuilt=unbuilt)
         write_rows(work.output, facts, arrays)
 
@@ -159,6 +166,8 @@ class ShardBuilder:
         """
         facts, _ = read_rows(work.output) or (None, None)
         if facts is None or (current and not self._is_current(facts, work.key)):
+            return False
+        if current and facts.failed and work.key in self.old:
             return False
         self.facts[work.key] = facts
         self.old.pop(work.key, None)
@@ -191,7 +200,7 @@ class ShardBuilder:
                 continue
             for index, facts in enumerate(old.meshes):
                 key = names.get(facts.name)
-                if self._is_current(facts, key):
+                if self._is_current(facts, key) and not (facts.failed and key in self.old):
                     self.facts[key], self.old[key] = facts, (old, index)
                 elif key is not None and facts.key != key:
                     self._outdated.add(key)

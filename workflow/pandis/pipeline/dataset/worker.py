@@ -29,6 +29,8 @@ from pandis.pipeline.run.records.dataset import Failure, MeshFacts
 
 #: Why a mesh failed that needs too much.
 _MEMORY = "it needs more memory; raise memory_gb of the data set"
+#: What reading a damaged file raises; a flipped bit may stand for an unknown compression.
+_DAMAGED = (OSError, ValueError, KeyError, EOFError, RuntimeError, zipfile.BadZipFile, zlib.error)
 
 
 def write_rows(path, facts, arrays=None):
@@ -57,7 +59,7 @@ def read_rows(path):
             facts = MeshFacts.model_validate_json(str(stored["facts"]))
             names = () if facts.failed else ROWS | MESH | FILES
             return facts, {name: stored[name] for name in names}
-    except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile, zlib.error):
+    except _DAMAGED:
         return None
 
 
@@ -88,24 +90,35 @@ def _known_rows(work):
     if facts is None or facts.failed or facts.key != work.key:
         if work.before is None:
             return None
+        import zarr
+
+        # more threads would take more address space, which is limited
+        zarr.config.set({"threading.max_workers": 1, "async.concurrency": 1})
         shard, place = Shard(work.before[0]), work.before[1]
         facts, arrays = shard.meshes[place], shard.arrays(place)
     return None if facts.materials else (arrays, facts, stored_mesh(arrays, facts))
 
 
-def _with_fields(work, arrays, facts, *, mesh):
-    """Return arrays and facts with the missing fields, or with why they cannot be built."""
-    body, files, unbuilt = Body.open(mesh), {}, {}
+def _add_fields(work, arrays, facts, *, mesh, enter):
+    """Write the rows, then with each missing field, or with why it cannot be built."""
+    write_rows(work.output, facts, arrays)  # they are safe, whatever becomes of a field
+    body = Body.open(mesh)
     for name in missing_fields(work, facts):
+        enter(f"field {name}")
+        files, unbuilt = {}, {}
         try:
             files[name] = field_file(name, work, mesh=mesh, body=body)
         except Exception as error:
             unbuilt[name] = _explain(error, list(work.limits))
-    return join_fields(work, arrays, facts, files=files, unbuilt=unbuilt)
+        arrays, facts = join_fields(work, arrays, facts, files=files, unbuilt=unbuilt)
+        write_rows(work.output, facts, arrays)
 
 
 def _answer(work, note):
-    """Label a mesh, write its rows or why there are none, and return the answer."""
+    """Label a mesh, write its rows or why there are none, and return the answer.
+
+    A failure is not written over what was there: it is part of the answer.
+    """
     stage = ["read"]
 
     def enter(name):
@@ -113,19 +126,30 @@ def _answer(work, note):
             stage[0] = name
             note({"stage": name})
 
-    arrays, limits = None, list(work.limits)
+    limits = list(work.limits)
     try:
         arrays, facts, mesh = _known_rows(work) or mesh_rows(work, enter)
-        if missing_fields(work, facts):
-            write_rows(work.output, facts, arrays)  # they are safe, whatever becomes of a field
-            enter("field")
-            arrays, facts = _with_fields(work, arrays, facts, mesh=mesh)
     except Exception as error:
-        facts = failure(stage[0], **_explain(error, limits), key=work.key)
+        return _fail(work, stage[0], _explain(error, limits))
     try:
-        write_rows(work.output, facts, arrays)
-    except MemoryError:
-        write_rows(work.output, failure("store", _MEMORY, limits=limits, key=work.key))
+        if missing_fields(work, facts):
+            _add_fields(work, arrays, facts, mesh=mesh, enter=enter)
+        else:
+            write_rows(work.output, facts, arrays)
+    except PandisError as error:
+        return {"refused": str(error)}
+    except Exception as error:
+        store = stage[0] if stage[0].startswith("field") else "store"
+        return _fail(work, store, _explain(error, limits))
+    return {"written": work.output}
+
+
+def _fail(work, stage, cause):
+    """Write why a mesh came to nothing, unless there are rows; return the answer."""
+    if work.before is not None or Path(work.output).is_file():
+        return {"written": work.output, "failed": [stage, cause]}
+    try:
+        write_rows(work.output, failure(stage, **cause, key=work.key))
     except PandisError as error:
         return {"refused": str(error)}
     return {"written": work.output}
