@@ -80,7 +80,7 @@ def finished(tmp_path_factory):
 def rerun(finished, tmp_path):
     """A copy of the finished run, records of Snakemake included."""
     folder = tmp_path / "rerun"
-    compiled = shutil.ignore_patterns("__pycache__")  # a quarter of the files
+    compiled = shutil.ignore_patterns("__pycache__")  # a quarter of the files, and not needed
     shutil.copytree(finished, folder, symlinks=True, ignore=compiled)
     return folder
 

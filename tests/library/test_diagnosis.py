@@ -140,7 +140,7 @@ def test_winding_numbers_are_those_of_the_exact_sum():
         off = np.abs(MeshTree(vertices + shift, shown).windings(points + shift) - exact)
         assert off.max() < 0.05
         unclear = np.abs(exact - np.round(exact)) > 0.15
-        assert off[unclear].max(initial=0) < 5e-3
+        assert off[unclear].max(initial=0) < 1e-3
 
 
 def test_winding_numbers_of_closed_meshes_are_whole():

@@ -9,8 +9,8 @@ import yaml
 
 from pandis.base.errors import PandisError
 from pandis.pipeline.geometry.shapes import SHAPES
+from pandis.pipeline.mesh import holes, tools
 from pandis.pipeline.mesh import repair as ladder
-from pandis.pipeline.mesh import tools
 from pandis.pipeline.mesh.build import build
 from pandis.pipeline.mesh.cleanup import clean, flip_flat_faces, orient, split
 from pandis.pipeline.mesh.deviation import Surface, deviation
@@ -572,3 +572,44 @@ def test_tools_run_on_one_thread_whatever_their_parent_does(monkeypatch):
     tools.call("clean", *box_mesh(), seconds=60, memory_gb=3)
     names = ("IGL_NUM_THREADS", "OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS")
     assert [started[0][name] for name in names] == ["1", "1", "1"]
+
+
+def triangulations(start, end):
+    """All triangulations of the corners start to end of a polygon."""
+    if end - start < 2:
+        return [[]]
+    return [
+        [(start, middle, end), *left, *right]
+        for middle in range(start + 1, end)
+        for left in triangulations(start, middle)
+        for right in triangulations(middle, end)
+    ]
+
+
+@pytest.mark.parametrize("n", [3, 4, 5, 6, 7])
+def test_a_hole_is_closed_with_the_least_area_of_all_triangulations(n, monkeypatch):
+    """The same triangles are chosen however many are compared at once, by folds, too."""
+    rng = np.random.default_rng(n)
+    for _ in range(10):
+        points = rng.normal(size=(n, 3))
+        barred = {(int(k), int(k) + 2) for k in rng.integers(n - 2, size=n // 4)} - {(0, n - 1)}
+        areas = []
+        for triangles in triangulations(0, n - 1):
+            if not barred & {pair for a, b, c in triangles for pair in ((a, b), (b, c), (a, c))}:
+                a, b, c = points[np.array(triangles).T]
+                areas.append(np.linalg.norm(np.cross(b - a, c - a), axis=1).sum())
+
+        def chosen(weight, points=points, barred=barred):
+            def forbidden(start, end):
+                return (int(start), int(end)) in barred
+
+            return holes.least_cost_triangles(points, weight, forbidden=forbidden)
+
+        together = {weight: chosen(weight) for weight in ("area", "fold")}
+        with monkeypatch.context() as patch:
+            patch.setattr(holes, "_AT_ONCE", 1)
+            for weight, triangles in together.items():
+                assert np.array_equal(chosen(weight), triangles)
+        a, b, c = points[together["area"].T]
+        area = np.linalg.norm(np.cross(b - a, c - a), axis=1).sum()
+        assert area == pytest.approx(min(areas, default=0.0), rel=1e-9)

@@ -48,7 +48,8 @@ def join_fields(work, arrays, facts, *, files, unbuilt):
         Why other fields cannot be built: ``reason``; ``limits`` if other limits may help; ``again``
         if the next run may succeed.
     """
-    names, keys = {*files, *unbuilt}, dict(facts.field_keys)
+    names = {*files, *unbuilt}
+    keys = {name: key for name, key in facts.field_keys.items() if name not in names}
     known = split_files(facts.files, arrays["files"])
     known = {name: file.tobytes() for name, file in known.items() if name not in names} | files
     why = {name: reason for name, reason in facts.unbuilt.items() if name not in names}
@@ -56,23 +57,25 @@ def join_fields(work, arrays, facts, *, files, unbuilt):
         keys[name] = work.field_keys[name]
     for name, cause in unbuilt.items():
         why[name] = cause["reason"]
-        keys[name] = _limited_key(work, name) if "limits" in cause else work.field_keys[name]
-        if cause.get("again"):
-            del keys[name]
+        if not cause.get("again"):  # without a key it is missing
+            keys[name] = _limited_key(work, name) if "limits" in cause else work.field_keys[name]
     known, why, keys = (dict(sorted(part.items())) for part in (known, why, keys))
     data = np.frombuffer(b"".join(known.values()), np.uint8)
-    update = {"files": {name: len(file) for name, file in known.items()}, "unbuilt": why}
-    update |= {"field_keys": keys, "again": any(cause.get("again") for cause in unbuilt.values())}
+    sizes = {name: len(file) for name, file in known.items()}
+    update = {"files": sizes, "unbuilt": why, "field_keys": keys}
     return arrays | {"files": data}, facts.model_copy(update=update)
 
 
 def only_fields(work, facts):
-    """Return facts without the fields that a task does not ask for."""
+    """Return facts without the fields that a task does not ask for.
+
+    They say to try again if one that it asks for is missing.
+    """
     parts = {
         part: {name: value for name, value in getattr(facts, part).items() if name in work.builds}
         for part in ("files", "unbuilt", "field_keys")
     }
-    again = facts.again and bool(facts.failed or missing_fields(work, facts))
+    again = facts.again if facts.failed else bool(missing_fields(work, facts))
     return facts.model_copy(update=parts | {"again": again})
 
 

@@ -57,7 +57,10 @@ class Pool:
         self.count, self.seconds, self.memory_gb = workers, seconds, memory_gb
 
     def answers(self, tasks):
-        """Yield pairs of a task and its answer, or the `Lost` of its worker, as they come.
+        """Yield pairs of a task and what became of it, as they come.
+
+        That is None if the task's output is written; stage and cause of a failure that is not
+        written, as it might replace rows; or the `Lost` of a worker.
 
         Parameters
         ----------
@@ -131,7 +134,7 @@ class _Worker:
         self._rest = b""
 
     def answer(self, task):
-        """Return stage and cause of a failure that is not written, or None.
+        """Return what `Pool.answers` yields of a task.
 
         Raises
         ------

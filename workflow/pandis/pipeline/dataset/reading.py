@@ -3,6 +3,7 @@
 import json
 import os
 import zipfile
+import zlib
 from pathlib import Path
 
 import numpy as np
@@ -22,6 +23,8 @@ ROWS = {
 MESH = {"vertices": ((3,), np.float64), "faces": ((3,), np.int32)}
 #: Bytes of the files of a mesh's fields, one after the other, sorted by name.
 FILES = {"files": ((), np.uint8)}
+#: What reading a damaged zip raises; a flipped bit may stand for an unknown compression.
+DAMAGED = (OSError, ValueError, KeyError, EOFError, RuntimeError, zipfile.BadZipFile, zlib.error)
 #: What the array ``ranges`` counts of each mesh: start and count of each, in this order.
 PARTS = ("rows", *MESH, *FILES)
 
@@ -57,7 +60,7 @@ def _root(path):
     try:
         with zipfile.ZipFile(path) as packed:
             return json.loads(packed.read("zarr.json"))["attributes"]
-    except (OSError, KeyError, ValueError, zipfile.BadZipFile):
+    except DAMAGED:
         return {}
 
 
@@ -98,7 +101,7 @@ class Shard:
         """Return rows of an array."""
         try:
             return self._open()[name][start:stop]
-        except (OSError, KeyError, ValueError, RuntimeError, zipfile.BadZipFile) as error:
+        except DAMAGED as error:
             raise ArtifactError(f"{self.path}: damaged ({error}); build it again") from error
 
     def _open(self):

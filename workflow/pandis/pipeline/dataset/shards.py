@@ -45,6 +45,10 @@ def _digest(*parts):
     return hashlib.sha256(json.dumps(parts, sort_keys=True).encode()).hexdigest()
 
 
+#: Why a field was not built whose turn did not come.
+_LATER = {"reason": "not tried, because another field ended the process", "again": True}
+
+
 class ShardBuilder:
     """Builds one shard of a data set.
 
@@ -103,7 +107,8 @@ class ShardBuilder:
             elif not self._resume(work) and work.key not in self.facts:
                 todo.append(work)
             elif missing_fields(work, self.facts[work.key]):
-                lacking.append(work._replace(before=self._place(work)))
+                anew = self.facts[work.key].materials  # only the source knows them
+                (todo if anew else lacking).append(work._replace(before=self._place(work)))
         self._sweep()
         outdated = sum(work.key in self._outdated for work in todo)
         self.log(
@@ -143,7 +148,7 @@ class ShardBuilder:
         if facts is None:
             facts = failure(stage, **cause, key=work.key)
         else:
-            missing, later = missing_fields(work, facts), {"reason": "not tried", "again": True}
+            missing, later = missing_fields(work, facts), _LATER
             at_fault = [name for name in missing if stage == f"field {name}"] or missing
             unbuilt = {name: cause if name in at_fault else later for name in missing}
             arrays, facts = join_fields(work, arrays, facts, files={}, unbuilt=unbuilt)
@@ -167,7 +172,7 @@ class ShardBuilder:
         facts, _ = read_rows(work.output) or (None, None)
         if facts is None or (current and not self._is_current(facts, work.key)):
             return False
-        if current and facts.failed and work.key in self.old:
+        if current and facts.failed and work.key in self.old:  # which may have its rows
             return False
         self.facts[work.key] = facts
         self.old.pop(work.key, None)
@@ -271,7 +276,9 @@ class ShardBuilder:
     def remember(self):
         """Keep the new version for the next job, as another name of the same file."""
         name = f"{self.options.shard:05}-of-{self.options.shards:05}.zarr.zip"
+        part = self.before / f"{name}.part"
+        part.unlink(missing_ok=True)
         with suppress(OSError):  # a file system without hard links computes a shard anew
-            (self.before / name).unlink(missing_ok=True)
-            os.link(self.path, self.before / name)
+            os.link(self.path, part)
+            part.replace(self.before / name)
         shutil.rmtree(self.folder)

@@ -10,8 +10,6 @@ import os
 import resource
 import signal
 import sys
-import zipfile
-import zlib
 from contextlib import suppress
 from pathlib import Path
 
@@ -20,7 +18,7 @@ import numpy as np
 from pandis.base.errors import PandisError, ReadError, RepairError
 from pandis.base.files import AtomicFile
 from pandis.pipeline.dataset.fields import field_file, join_fields, missing_fields, stored_mesh
-from pandis.pipeline.dataset.reading import FILES, MESH, ROWS, Shard
+from pandis.pipeline.dataset.reading import DAMAGED, FILES, MESH, ROWS, Shard
 from pandis.pipeline.dataset.rows import PassingError, Work, mesh_rows
 from pandis.pipeline.geometry.body import Body
 from pandis.pipeline.mesh import tools
@@ -29,8 +27,6 @@ from pandis.pipeline.run.records.dataset import Failure, MeshFacts
 
 #: Why a mesh failed that needs too much.
 _MEMORY = "it needs more memory; raise memory_gb of the data set"
-#: What reading a damaged file raises; a flipped bit may stand for an unknown compression.
-_DAMAGED = (OSError, ValueError, KeyError, EOFError, RuntimeError, zipfile.BadZipFile, zlib.error)
 
 
 def write_rows(path, facts, arrays=None):
@@ -59,7 +55,7 @@ def read_rows(path):
             facts = MeshFacts.model_validate_json(str(stored["facts"]))
             names = () if facts.failed else ROWS | MESH | FILES
             return facts, {name: stored[name] for name in names}
-    except _DAMAGED:
+    except DAMAGED:
         return None
 
 
@@ -131,6 +127,7 @@ def _answer(work, note):
         arrays, facts, mesh = _known_rows(work) or mesh_rows(work, enter)
     except Exception as error:
         return _fail(work, stage[0], _explain(error, limits))
+    enter("store")
     try:
         if missing_fields(work, facts):
             _add_fields(work, arrays, facts, mesh=mesh, enter=enter)
@@ -139,13 +136,12 @@ def _answer(work, note):
     except PandisError as error:
         return {"refused": str(error)}
     except Exception as error:
-        store = stage[0] if stage[0].startswith("field") else "store"
-        return _fail(work, store, _explain(error, limits))
+        return _fail(work, stage[0], _explain(error, limits))
     return {"written": work.output}
 
 
 def _fail(work, stage, cause):
-    """Write why a mesh came to nothing, unless there are rows; return the answer."""
+    """Return the answer of a mesh that failed; write why, unless there may be rows."""
     if work.before is not None or Path(work.output).is_file():
         return {"written": work.output, "failed": [stage, cause]}
     try:

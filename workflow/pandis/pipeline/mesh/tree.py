@@ -13,11 +13,10 @@ from pandis.pipeline.mesh.topology import compact
 #: Winding numbers farther than this from an integer are recomputed with finer clusters.
 CLEAR = 0.1
 #: Distance, in cluster radii, beyond which a cluster replaces its faces: first pass, refinement.
-#: The largest errors seen were 0.021 and 0.0037.
-ROUGH, FINE = 3.0, 6.0
-#: The same for closed meshes, whose winding numbers are whole: the largest error seen was 0.13.
-#: Numbers farther than the second value from an integer are recomputed.
-_WHOLE, _UNSURE = 1.4, 0.25
+ROUGH, FINE = 3.0, 12.0
+#: Both for the first pass over a closed mesh, whose winding numbers are whole: the largest error
+#: seen was 0.13.
+WHOLE, UNSURE = 1.4, 0.25
 
 
 class MeshTree:
@@ -59,18 +58,17 @@ class MeshTree:
 
     def windings(self, points):
         """Return the winding number (n,) at points (n, 3)."""
-        points = self._to_unit(points)
-        turns = self._tree.turns(points, ROUGH)
-        unclear = np.flatnonzero(np.abs(turns - np.round(turns)) > CLEAR)
-        if len(unclear):
-            turns[unclear] = self._tree.turns(points[unclear], FINE)
-        return turns
+        return self._turns(points, ROUGH, CLEAR)
 
     def whole_windings(self, points):
         """Return the winding number (n,) at points (n, 3) off the surface of a closed mesh."""
+        return np.round(self._turns(points, WHOLE, UNSURE)).astype(np.int64)
+
+    def _turns(self, points, beta, clear):
+        """Return winding numbers (n,); those farther than ``clear`` from an integer are refined."""
         points = self._to_unit(points)
-        turns = self._tree.turns(points, _WHOLE)
-        unsure = np.flatnonzero(np.abs(turns - np.round(turns)) > _UNSURE)
-        if len(unsure):
-            turns[unsure] = self._tree.turns(points[unsure], FINE)
-        return np.round(turns).astype(np.int64)
+        turns = self._tree.turns(points, beta)
+        unclear = np.flatnonzero(np.abs(turns - np.round(turns)) > clear)
+        if len(unclear):
+            turns[unclear] = self._tree.turns(points[unclear], FINE)
+        return turns
