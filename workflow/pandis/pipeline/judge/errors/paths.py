@@ -3,7 +3,7 @@
 import json
 
 import numpy as np
-from scipy import stats
+from scipy.special import stdtrit
 
 from pandis.base.forces import penalty_force
 from pandis.pipeline.geometry.trajectories import trace
@@ -18,7 +18,8 @@ def interval(values):
     """Return the half-width of the 95 % interval of a mean (Student's t); 0 for equal values."""
     if min(values) == max(values):
         return 0.0  # else the mean's rounding would make it positive
-    return float(stats.sem(values) * stats.t.ppf(0.975, len(values) - 1))
+    error = np.std(values, ddof=1) / np.sqrt(len(values))
+    return float(error * stdtrit(len(values) - 1, 0.975))
 
 
 def spread(values, form):
