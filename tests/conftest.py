@@ -9,15 +9,13 @@ import pytest
 from jaxtyping import install_import_hook
 
 PACKAGE = Path(__file__).parents[1] / "workflow/pandis"
-#: Folders whose functions Warp compiles from their source: nothing may be wrapped around them.
-COMPILED = ("warp", "cuda")
-
-#: What an array's shape may be stands in signatures: here every call is checked.
+#: What an array's shape may be stands in signatures: here every call of a module with such
+#: signatures is checked. The check takes as long as a short function, so others go without it.
 install_import_hook(
     [
-        f"pandis.{path.parent.name}.{path.stem}"
-        for path in PACKAGE.glob("*/*")
-        if path.stem not in (*COMPILED, "__init__")
+        ".".join(path.relative_to(PACKAGE.parent).with_suffix("").parts)
+        for path in PACKAGE.rglob("*.py")
+        if "from pandis.base.arrays import" in path.read_text(encoding="utf-8")
     ],
     "beartype.beartype",
 )

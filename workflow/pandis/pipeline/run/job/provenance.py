@@ -130,7 +130,7 @@ class CodeDigests:
         self.root = folder if (folder / "pandis").is_dir() else folder.parents[2]
         self.scripts = folder.parent / "scripts"
         self._digests = {}
-        self._imports, self._parts = {}, {}
+        self._imports, self._parts, self._resolved = {}, {}, {}
         self._packages, self._versions = {}, {}
 
     def stage(self, name, needs=EVERYTHING):
@@ -189,6 +189,8 @@ class CodeDigests:
         The list omits the models of options. It also omits ``pandis`` itself, which contains only
         the version and an entry point for users, because no stage runs it.
         """
+        if name in self._resolved:
+            return self._resolved[name]
         if name.startswith(_MODELS):
             return []
         parts, modules = name.split("."), []
@@ -202,6 +204,7 @@ class CodeDigests:
             else:
                 break  # a name inside the module, or not one of our modules
             modules.append(module)
+        self._resolved[name] = modules
         return modules
 
 
