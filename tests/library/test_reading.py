@@ -190,6 +190,56 @@ def test_what_is_changed_at_random_is_refused_or_read_as_the_counter_does(tmp_pa
     assert both > 50
 
 
+def test_rows_of_a_ply_that_are_read_at_once_mean_what_they_mean_one_by_one(tmp_path):
+    """No row that is read at once begins with a vertical tab."""
+    rng, path = np.random.default_rng(0), tmp_path / "rows.ply"
+    points = ["0 0 0", "1 -2.5 3e-4", "\t.5 5. +1 "] * 8
+    points += [
+        "1 2",
+        "1 2 3 4",
+        "1 2 nan",
+        "1 2 1e999",
+        "1 2 1-2",
+        "1 2 - 3",
+        "1 2 3#",
+        "1 2 3 # c",
+        "",
+        "1 1_0 2",
+    ]
+    corners = ["3 0 1 2", "3\t2 1 0", " 3 1 2 0 "] * 8
+    corners += [
+        "4 0 1 2 3",
+        "3 0 1",
+        "3 0 1 2 3",
+        "2 0 1",
+        "3 -1 0 1",
+        "3 0 1 9",
+        "3.0 0 1 2",
+        "03 0 1 2",
+        "+3 0 1 2",
+    ]
+    corners += ["3 0 1 1e0", "3 0 1 2 # c", "", "3 0 1 2222222222222222222", "3 0 1 02"]
+    read_all = 0
+    for _ in range(2_000):
+        rows = ["0 0 0", "1 0 0", "0 1 0"], ["3 0 1 2"]
+        for part, pool in zip(rows, (points, corners), strict=True):
+            part += [pool[i] for i in rng.integers(len(pool), size=rng.integers(4))]
+        counts = [len(part) + (rng.random() < 0.1) - (rng.random() < 0.1) for part in rows]
+        text = (
+            f"ply\nformat ascii 1.0\nelement vertex {counts[0]}\nproperty float x\n"
+            f"property double y\nproperty int z\nelement face {counts[1]}\n"
+            "property list uchar int vertex_indices\nend_header\n"
+        )
+        ends = rng.choice(["\n"] * 6 + ["\r\n", "\r", ""], size=len(rows[0] + rows[1]))
+        body = "".join(map("".join, zip(rows[0] + rows[1], ends, strict=True)))
+        path.write_text(text + body, newline="")
+        at_once = as_lists(outcome(path))
+        path.write_text(text + re.sub(r"(\A|\r\n|\r|\n)", "\\1\v", body), newline="")
+        assert at_once == as_lists(outcome(path)), body
+        read_all += not isinstance(at_once, str)
+    assert 200 < read_all < 1_800
+
+
 def test_strips_of_a_ply_are_triangles(tmp_path):
     header = (
         "ply\nformat ascii 1.0\nelement vertex 4\nproperty float x\nproperty float y\n"

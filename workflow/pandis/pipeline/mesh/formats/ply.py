@@ -1,11 +1,13 @@
 """PLY, as text or as binary in either byte order."""
 
+import re
 from typing import NamedTuple
 
 import numpy as np
 
 from pandis.pipeline.mesh.formats.base import (
     AGAIN,
+    NUMBER,
     FormatError,
     Reading,
     lines_of,
@@ -24,6 +26,8 @@ _TYPES = {
 _ORDERS = {"ascii": "", "binary_little_endian": "<", "binary_big_endian": ">"}
 #: Possible names of the list property that contains a face's corners.
 _CORNERS = ("vertex_indices", "vertex_index")
+#: A triangle, as nearly all rows of faces are.
+_TRIANGLE = r"3(?:[ \t]+[0-9]{1,18}){3}"
 
 
 class Element(NamedTuple):
@@ -70,9 +74,9 @@ def read(path, folder=None):
             lists, where = columns[name], element.name
             if element.name == "face":
                 _check_sizes(lists)
-                polygons += lists
             else:
-                polygons += _strips(lists)
+                lists = _strips(lists)
+            polygons = [*polygons, *lists] if polygons else lists
     rows.finish(notes)
     if vertices is None:
         raise FormatError(f"it has no vertices; {AGAIN}")
@@ -136,6 +140,8 @@ def _check_kinds(elements):
 
 
 def _check_sizes(lists):
+    if isinstance(lists, np.ndarray):  # triangles
+        return
     for place, corners in enumerate(lists, 1):
         if len(corners) < 3:
             raise FormatError(
@@ -149,7 +155,7 @@ def _strips(lists):
     faces = []
     for strip in lists:
         run = []
-        for index in [*strip, -1]:
+        for index in [*map(int, strip), -1]:
             if index == -1:
                 for k in range(len(run) - 2):
                     a, b, c = run[k : k + 3]
@@ -166,13 +172,20 @@ class _Text:
     def __init__(self, data, start):
         if b"\0" in data[start:]:
             raise FormatError(f"its header declares text, but NUL bytes follow; {AGAIN}")
-        first = data[:start].count(b"\n") + 1
-        lines = lines_of(data[start:].decode("latin-1"))
-        self.lines = [(first + i, row) for i, line in enumerate(lines) if (row := words(line))]
-        self.place = 0
+        self.text, self.line = data[start:].decode("latin-1"), data[:start].count(b"\n") + 1
+        self.lines, self.place = None, 0
+
+    def _split(self):
+        """Split what was not read at once into lines and words; from then on, read lines."""
+        if self.lines is None:
+            lines = enumerate(lines_of(self.text[self.place :]), self.line)
+            self.lines, self.place = [(i, row) for i, line in lines if (row := words(line))], 0
 
     def take(self, element):
         """Return an element's columns by name, with one value or one list per row."""
+        if self.lines is None and (columns := self._run(element)) is not None:
+            return columns
+        self._split()
         rows = self.lines[self.place : self.place + element.count]
         if len(rows) < element.count:
             raise FormatError(
@@ -206,6 +219,23 @@ class _Text:
                 )
         return columns
 
+    def _run(self, element):
+        """Read all rows at once if they are plain numbers or triangles alone, else return None."""
+        names, lists = [name for name, *_ in element.properties], element.properties[0][2]
+        row, kind = rf"{NUMBER.pattern}(?:[ \t]+{NUMBER.pattern}){{{len(names) - 1}}}", np.float64
+        if lists and len(names) == 1 and element.properties[0][1][0] != "f":
+            row, kind = _TRIANGLE, np.int64
+        elif any(size for _, _, size in element.properties):
+            return None
+        rows = re.compile(rf"(?>[ \t]*{row}[ \t]*(?:\r?\n|\Z)){{{element.count}}}")
+        if not element.count or not (match := rows.match(self.text, self.place)):
+            return None
+        values = np.fromstring(match[0], kind, sep=" ").reshape(element.count, -1)
+        if not np.isfinite(values).all():
+            return None
+        self.place, self.line = match.end(), self.line + element.count
+        return {names[0]: values[:, 1:]} if lists else dict(zip(names, values.T, strict=True))
+
     def _plain(self, element, rows):
         names = [name for name, _, _ in element.properties]
         for line, row in rows:
@@ -219,6 +249,7 @@ class _Text:
 
     def finish(self, notes):
         """Raise if lines are left."""
+        self._split()
         left = len(self.lines) - self.place
         if left:
             raise FormatError(
@@ -282,10 +313,13 @@ class _Binary:
         if any((rows[f"#{name}"] != count).any() for name, count in sizes.items()):
             return None
         self.place += record.itemsize * element.count
-        return {
-            name: rows[name].astype(np.int64).tolist() if size and kind[0] != "f" else rows[name]
-            for name, kind, size in element.properties
-        }
+        columns = {}
+        for name, kind, size in element.properties:
+            columns[name] = values = rows[name]
+            if size and kind[0] != "f":
+                values = values.astype(np.int64)
+                columns[name] = values if sizes[name] == 3 else values.tolist()
+        return columns
 
     def _one_by_one(self, element):
         columns = {name: [] for name, _, _ in element.properties}
