@@ -6,7 +6,14 @@ import pytest
 
 from pandis.pipeline.geometry.shapes import SHAPES
 from pandis.pipeline.mesh.diagnosis import FAULTS, diagnose
-from pandis.pipeline.mesh.topology import crossing_faces
+from pandis.pipeline.mesh.topology import (
+    components,
+    crossing_faces,
+    edges_of,
+    equal_rows,
+    nonmanifold_vertices,
+    patches,
+)
 from pandis.pipeline.mesh.tree import MeshTree
 from support import box_mesh, octahedron
 
@@ -87,6 +94,36 @@ def test_crossing_pairs_come_in_one_order():
     pairs = crossing_faces(corners.reshape(-1, 3), np.arange(1200).reshape(-1, 3)).tolist()
     assert len(pairs) > 1000
     assert pairs == sorted(sorted(pair) for pair in pairs)
+
+
+@pytest.mark.parametrize("apart", [1, 1 << 25])
+def test_edges_and_parts_are_those_of_a_plain_search(apart):
+    """Also where vertex numbers are too large for an edge and its place to fit into a number."""
+    rng = np.random.default_rng(0)
+    for count in (0, 1, 7, 60):
+        faces = rng.integers(12, size=(count, 3)) * apart
+        edges, halves = edges_of(faces), []
+        for face in faces.tolist():
+            halves += [(face[k], face[(k + 1) % 3]) for k in range(3)]
+        sides = [tuple(sorted(half)) for half in halves]
+        assert edges.edges.tolist() == [list(side) for side in sorted(set(sides))]
+        assert edges.order.tolist() == sorted(range(len(sides)), key=sides.__getitem__)
+        assert [tuple(edges.edges[k].tolist()) for k in edges.edge_of] == sides
+        assert edges.uses.tolist() == [sides.count(side) for side in sorted(set(sides))]
+        for label, number in (components(faces), patches(faces)):
+            starts = np.unique(label, return_index=True)[1]
+            assert number == len(starts)
+            assert (np.diff(starts) > 0).all()  # numbered by their first faces
+        label = components(faces)[0]
+        joined = {(label[a // 3], label[b // 3]) for a in range(len(sides))
+                  for b in range(len(sides)) if sides[a] == sides[b]}  # fmt: skip
+        assert all(a == b for a, b in joined)
+        if apart == 1:
+            torn = nonmanifold_vertices(faces, edges)
+            assert set(torn.tolist()) <= set(faces.reshape(-1).tolist())
+        rows = rng.integers(2, size=(count, 3)).astype(float)
+        firsts = [rows.tolist().index(row) for row in rows.tolist()]
+        assert equal_rows(rows).tolist() == firsts
 
 
 def test_crossing_and_touching_solids():

@@ -12,7 +12,7 @@ between 0 and 1; of a solid, those farther than a cell from the source.
 
 import numpy as np
 
-from pandis.pipeline.mesh.topology import used_vertices
+from pandis.pipeline.mesh.topology import equal_rows, used_vertices
 from pandis.pipeline.mesh.tree import MeshTree
 
 #: Sample points per direction.
@@ -184,18 +184,22 @@ def summary(distance, samples):
 
 def _common(source, result):
     """Return a mask of shared faces for each mesh, and the share of kept corner positions."""
-    both = np.concatenate([source.vertices, result.vertices]) + 0.0
-    _, name = np.unique(both, axis=0, return_inverse=True)
-    name = name.reshape(-1)
+    name = equal_rows(np.concatenate([source.vertices, result.vertices]) + 0.0)
     faces = [
         np.sort(name[: len(source.vertices)][source.faces], axis=1),
         np.sort(name[len(source.vertices) :][result.faces], axis=1),
     ]
-    _, index = np.unique(np.concatenate(faces), axis=0, return_inverse=True)
-    mine, theirs = np.split(index.reshape(-1), [len(source.faces)])
-    corners = used_vertices(faces[0])
-    untouched = float(np.isin(corners, used_vertices(faces[1])).mean())
-    return np.isin(mine, theirs), np.isin(theirs, mine), untouched
+    mine, theirs = np.split(equal_rows(np.concatenate(faces)), [len(source.faces)])
+    untouched = float(_members(faces[1], len(name))[used_vertices(faces[0])].mean())
+    count = len(mine) + len(theirs)
+    return _members(theirs, count)[mine], _members(mine, count)[theirs], untouched
+
+
+def _members(numbers, count):
+    """Return a mask (count,) of the numbers in an array."""
+    mask = np.zeros(count, bool)
+    mask[numbers] = True
+    return mask
 
 
 def inside_changed(reference, result, seed, *, count=20_000):

@@ -11,6 +11,7 @@ import numpy as np
 from pandis.base.errors import PandisError
 from pandis.base.frame import UNIT_SIDE
 from pandis.engine.bvh import Bvh
+from pandis.pipeline.mesh.topology import compact, equal_rows
 
 #: Half the width of the lattice (unit frame). The longest side of a mesh spans the whole width.
 HALF = UNIT_SIDE / 2
@@ -84,9 +85,8 @@ def snap(corners, faces, bits):
             f"{step_of(bits):.2g} of the unit frame everywhere; take more bits"
         )
     deviation = moved + _farthest(steps, lost, faces) * step_of(bits)
-    used, faces = np.unique(faces, return_inverse=True)
-    faces = faces.reshape(-1, 3).astype(np.int32)
-    return Snapped(steps[used].astype(np.int32), faces, deviation, turned)
+    steps, faces = compact(steps, faces)
+    return Snapped(steps.astype(np.int32), faces.astype(np.int32), deviation, turned)
 
 
 def _areas(vertices, faces):
@@ -113,15 +113,15 @@ def _mend(vertices, faces):
     else:
         faces = _cleaned(faces, sheets, lines)
     lines = np.concatenate(lines)
-    if not len(lines):  # the search below takes a minute for a large mesh
-        return faces, np.concatenate([*sheets, lines])
     count = len(vertices)
-    edges = np.concatenate([faces[:, [k, (k + 1) % 3]] for k in range(3)]) if len(faces) else faces
-    known = edges[:, :2] @ (count, 1)
+    touched, used = np.zeros((2, count), bool)
+    touched[lines], used[faces] = True, True
+    edges = np.concatenate([faces[:, [k, (k + 1) % 3]] for k in range(3)])
+    known = edges[touched[edges].all(axis=1)] @ (count, 1)
     # a face with two equal corners is a line from that point to its third corner
     ends = lines.min(axis=1), lines.max(axis=1)
     on_edge = np.isin(ends[0] * count + ends[1], known) | np.isin(ends[1] * count + ends[0], known)
-    on_edge |= (ends[0] == ends[1]) & np.isin(ends[0], faces)
+    on_edge |= (ends[0] == ends[1]) & used[ends[0]]
     return faces, np.concatenate([*sheets, lines[~on_edge]])
 
 
@@ -139,8 +139,7 @@ def _without_pairs(faces):
     """Return a mask of the faces that remain after pairs of opposite faces cancel."""
     order = np.argsort(faces, axis=1)
     even = (np.diff(order, axis=1) % 3 == 1).all(axis=1)
-    _, which = np.unique(np.sort(faces, axis=1), axis=0, return_inverse=True)
-    which = which.reshape(-1)
+    which = equal_rows(np.sort(faces, axis=1))
     count = int(which.max(initial=-1)) + 1
     ups, downs = (np.bincount(which[even == side], minlength=count) for side in (True, False))
     gone = np.minimum(ups, downs)
@@ -156,7 +155,9 @@ def _turn_edges(vertices, faces, flat):
     """Flip, in place, the longest edge of each flat face; return whether any was flipped."""
     across = {}
     # only a face that shares two corners with a flat face can be its neighbour
-    beside = np.isin(faces, faces[flat]).sum(axis=1) >= 2
+    beside = np.zeros(len(vertices), bool)
+    beside[faces[flat]] = True
+    beside = beside[faces].sum(axis=1) >= 2
     for index in np.flatnonzero(beside).tolist():
         face = faces[index].tolist()
         for k in range(3):
