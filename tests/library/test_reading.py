@@ -225,6 +225,8 @@ def test_rows_of_a_ply_that_are_read_at_once_mean_what_they_mean_one_by_one(tmp_
         for part, pool in zip(rows, (points, corners), strict=True):
             part += [pool[i] for i in rng.integers(len(pool), size=rng.integers(4))]
         counts = [len(part) + (rng.random() < 0.1) - (rng.random() < 0.1) for part in rows]
+        if rng.random() < 0.02:
+            counts[rng.integers(2)] = 10**12
         text = (
             f"ply\nformat ascii 1.0\nelement vertex {counts[0]}\nproperty float x\n"
             f"property double y\nproperty int z\nelement face {counts[1]}\n"

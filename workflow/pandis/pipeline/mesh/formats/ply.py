@@ -227,8 +227,10 @@ class _Text:
             row, kind = _TRIANGLE, np.int64
         elif any(size for _, _, size in element.properties):
             return None
-        rows = re.compile(rf"(?>[ \t]*{row}[ \t]*(?:\r?\n|\Z)){{{element.count}}}")
-        if not element.count or not (match := rows.match(self.text, self.place)):
+        if not 0 < element.count <= len(self.text):  # more than `re` may repeat
+            return None
+        rows = re.compile(rf"(?>[ \t]*{row}[ \t]*(?:\r?\n|\Z)){{{element.count}}}+")
+        if not (match := rows.match(self.text, self.place)):
             return None
         values = np.fromstring(match[0], kind, sep=" ").reshape(element.count, -1)
         if not np.isfinite(values).all():
