@@ -9,13 +9,15 @@ import pytest
 from jaxtyping import install_import_hook
 
 PACKAGE = Path(__file__).parents[1] / "workflow/pandis"
+#: Imports a shape of arrays.
+SHAPES = re.compile(r"^from pandis\.(base\.arrays|\S+\.training\.tensors) import", re.M)
 #: What an array's shape may be stands in signatures: here every call of a module with such
 #: signatures is checked. The check takes as long as a short function, so others go without it.
 install_import_hook(
     [
         ".".join(path.relative_to(PACKAGE.parent).with_suffix("").parts)
         for path in PACKAGE.rglob("*.py")
-        if "from pandis.base.arrays import" in path.read_text(encoding="utf-8")
+        if SHAPES.search(path.read_text(encoding="utf-8"))
     ],
     "beartype.beartype",
 )

@@ -13,6 +13,7 @@ from pandis.pipeline.mesh.topology import (
     equal_rows,
     nonmanifold_vertices,
     patches,
+    repeats_a_vertex,
 )
 from pandis.pipeline.mesh.tree import MeshTree
 from support import box_mesh, octahedron
@@ -96,12 +97,24 @@ def test_crossing_pairs_come_in_one_order():
     assert pairs == sorted(sorted(pair) for pair in pairs)
 
 
+def numbered(count, joined):
+    """Return the number of everyone's group, in the order of their first members."""
+    group = list(range(count))
+    for a, b in joined:
+        low, high = sorted((group[a], group[b]))
+        group = [low if g == high else g for g in group]
+    order = sorted(set(group))
+    return [order.index(g) for g in group]
+
+
 @pytest.mark.parametrize("apart", [1, 1 << 25])
 def test_edges_and_parts_are_those_of_a_plain_search(apart):
     """Also where vertex numbers are too large for an edge and its place to fit into a number."""
     rng = np.random.default_rng(0)
-    for count in (0, 1, 7, 60):
-        faces = rng.integers(12, size=(count, 3)) * apart
+    drawn = [rng.integers(12, size=(count, 3)) for count in (0, 1, 7, 60)]
+    drawn += [np.stack([rng.permutation(9)[:3] for _ in range(count)]) for count in (2, 9, 30)]
+    for faces in drawn:
+        count, faces = len(faces), faces * apart  # noqa: PLW2901
         edges, halves = edges_of(faces), []
         for face in faces.tolist():
             halves += [(face[k], face[(k + 1) % 3]) for k in range(3)]
@@ -110,17 +123,24 @@ def test_edges_and_parts_are_those_of_a_plain_search(apart):
         assert edges.order.tolist() == sorted(range(len(sides)), key=sides.__getitem__)
         assert [tuple(edges.edges[k].tolist()) for k in edges.edge_of] == sides
         assert edges.uses.tolist() == [sides.count(side) for side in sorted(set(sides))]
-        for label, number in (components(faces), patches(faces)):
-            starts = np.unique(label, return_index=True)[1]
-            assert number == len(starts)
-            assert (np.diff(starts) > 0).all()  # numbered by their first faces
-        label = components(faces)[0]
-        joined = {(label[a // 3], label[b // 3]) for a in range(len(sides))
-                  for b in range(len(sides)) if sides[a] == sides[b]}  # fmt: skip
-        assert all(a == b for a, b in joined)
-        if apart == 1:
-            torn = nonmanifold_vertices(faces, edges)
-            assert set(torn.tolist()) <= set(faces.reshape(-1).tolist())
+        uses = [sides.count(side) for side in sides]
+        same = [(a, b) for a in range(len(sides)) for b in range(a) if sides[a] == sides[b]]
+        across = [(a // 3, b // 3) for a, b in same]
+        pairs = [(a // 3, b // 3) for a, b in same if uses[a] == 2]
+        for (label, number), joined in ((components(faces), across), (patches(faces), pairs)):
+            assert label.tolist() == numbered(count, joined)
+            assert number == len(set(label.tolist()))
+        corners, fans = faces.reshape(-1).tolist(), []
+        for a, b in same:
+            ends = [(h, 3 * (h // 3) + (h + 1) % 3) for h in (a, b)] if uses[a] == 2 else []
+            fans += [(c, d) for c in sum(ends[:1], ()) for d in sum(ends[1:], ())
+                     if corners[c] == corners[d]]  # fmt: skip
+        fan = numbered(len(corners), fans)
+        several = {
+            v for v in corners if len({f for f, u in zip(fan, corners, strict=True) if u == v}) > 1
+        }
+        if count and not repeats_a_vertex(faces).any():
+            assert set(nonmanifold_vertices(faces, edges).tolist()) == several
         rows = rng.integers(2, size=(count, 3)).astype(float)
         firsts = [rows.tolist().index(row) for row in rows.tolist()]
         assert equal_rows(rows).tolist() == firsts

@@ -20,7 +20,7 @@ from pandis.pipeline.geometry.shapes import find_shape
 from pandis.pipeline.mesh import tools
 from pandis.pipeline.mesh.cleanup import clean, orient
 from pandis.pipeline.mesh.diagnosis import diagnose
-from pandis.pipeline.mesh.formats import FormatError, read
+from pandis.pipeline.mesh.formats import FormatError, ply, read
 from pandis.pipeline.mesh.intake import check_arrays, find_file, read_mesh, unpacked
 from pandis.pipeline.mesh.polygons import triangulate_polygons
 from support import box_mesh, octahedron, write_obj
@@ -190,7 +190,7 @@ def test_what_is_changed_at_random_is_refused_or_read_as_the_counter_does(tmp_pa
     assert both > 50
 
 
-def test_rows_of_a_ply_that_are_read_at_once_mean_what_they_mean_one_by_one(tmp_path):
+def test_rows_of_a_ply_that_are_read_at_once_mean_what_they_mean_one_by_one(tmp_path, monkeypatch):
     """No row that is read at once begins with a vertical tab."""
     rng, path = np.random.default_rng(0), tmp_path / "rows.ply"
     points = ["0 0 0", "1 -2.5 3e-4", "\t.5 5. +1 "] * 8
@@ -219,7 +219,9 @@ def test_rows_of_a_ply_that_are_read_at_once_mean_what_they_mean_one_by_one(tmp_
         "+3 0 1 2",
     ]
     corners += ["3 0 1 1e0", "3 0 1 2 # c", "", "3 0 1 2222222222222222222", "3 0 1 02"]
-    read_all = 0
+    read_all, at_a_time = 0, []
+    run = ply._Text._run
+    monkeypatch.setattr(ply._Text, "_run", lambda *a: at_a_time.append(run(*a)) or at_a_time[-1])
     for _ in range(2_000):
         rows = ["0 0 0", "1 0 0", "0 1 0"], ["3 0 1 2"]
         for part, pool in zip(rows, (points, corners), strict=True):
@@ -230,8 +232,14 @@ def test_rows_of_a_ply_that_are_read_at_once_mean_what_they_mean_one_by_one(tmp_
         text = (
             f"ply\nformat ascii 1.0\nelement vertex {counts[0]}\nproperty float x\n"
             f"property double y\nproperty int z\nelement face {counts[1]}\n"
-            "property list uchar int vertex_indices\nend_header\n"
+            "property list uchar int vertex_indices\n"
         )
+        more = rng.integers(4)  # a further element of faces, of strips, or none
+        if more < 2:
+            name = ("face", "tristrips")[more]
+            text += f"element {name} 1\nproperty list uchar int vertex_indices\n"
+            rows[1].append("3 2 1 0")
+        text += "end_header\n"
         ends = rng.choice(["\n"] * 6 + ["\r\n", "\r", ""], size=len(rows[0] + rows[1]))
         body = "".join(map("".join, zip(rows[0] + rows[1], ends, strict=True)))
         path.write_text(text + body, newline="")
@@ -240,6 +248,7 @@ def test_rows_of_a_ply_that_are_read_at_once_mean_what_they_mean_one_by_one(tmp_
         assert at_once == as_lists(outcome(path)), body
         read_all += not isinstance(at_once, str)
     assert 200 < read_all < 1_800
+    assert sum(columns is not None for columns in at_a_time) > 400
 
 
 def test_strips_of_a_ply_are_triangles(tmp_path):
@@ -251,6 +260,14 @@ def test_strips_of_a_ply_are_triangles(tmp_path):
     path.write_text(header + "0 0 0\n1 0 0\n0 1 0\n0 0 1\n6 0 1 2 3 0 1\n")
     reading, _ = read_mesh("strip", path)
     assert (len(reading.vertices), len(reading.faces)) == (4, 4)
+    more = "element face 2\nproperty list uchar int vertex_index\nend_header\n"
+    path.write_text(
+        header.replace("tristrips 1", "face 1").replace("end_header\n", more)
+        + "0 0 0\n1 0 0\n0 1 0\n0 0 1\n3 0 2 1\n3 0 1 3\n4 0 3 2 1\n"
+    )
+    joined = read(path, "ply").faces.tolist()
+    assert joined[:2] == [[0, 2, 1], [0, 1, 3]]
+    assert len(joined) == 4
     assert_valid(*orient(reading.vertices, reading.faces))
 
 

@@ -12,7 +12,7 @@ from pandis.engine.faces import connected, crossings, folded, orientation
 
 #: Number of results that are remembered: stages of a repair often ask for the same one.
 _REMEMBERED = 3
-#: Longer arrays are not remembered. At this size, all results take about 800 MB.
+#: Largest length of all arrays whose results a function remembers, some 300 MB.
 _MOST_FACES = 1_000_000
 
 
@@ -25,14 +25,18 @@ def _remembered(function):
 
     @wraps(function)
     def remembering(*arrays):
-        for known, result in tuple(results):
+        for known, result, _ in tuple(results):
             pairs = zip(known, arrays, strict=True)
             if all(a.dtype == b.dtype and np.array_equal(a, b) for a, b in pairs):
                 return result
         result = function(*arrays)
-        sizes = [len(a) for a in (*arrays, result) if isinstance(a, np.ndarray)]
-        if max(sizes) <= _MOST_FACES:
-            results[:] = [([np.array(a) for a in arrays], result), *results[: _REMEMBERED - 1]]
+        size = max(len(a) for a in (*arrays, result) if isinstance(a, np.ndarray))
+        if size <= _MOST_FACES:
+            while (
+                len(results) == _REMEMBERED or sum(each[2] for each in results) > _MOST_FACES - size
+            ):
+                results.pop()
+            results.insert(0, ([np.array(a) for a in arrays], result, size))
         return result
 
     return remembering
@@ -245,7 +249,8 @@ def nonmanifold_vertices(faces, edges):
     """Return the vertices around which the faces form more than one fan."""
     fan = fans(faces, edges)
     roots = np.flatnonzero(fan == np.arange(len(fan)))
-    return np.flatnonzero(np.bincount(faces.reshape(-1)[roots]) > 1)
+    vertex, count = np.unique(faces.reshape(-1)[roots], return_counts=True)
+    return vertex[count > 1]
 
 
 @_remembered

@@ -1,6 +1,7 @@
 """PLY, as text or as binary in either byte order."""
 
 import re
+from itertools import chain
 from typing import NamedTuple
 
 import numpy as np
@@ -59,7 +60,7 @@ def read(path, folder=None):
     order, elements, start, notes = _header(data)
     _check_kinds(elements)
     rows = _Text(data, start) if order == "" else _Binary(data, start, order)
-    vertices, polygons, where = None, [], "vertex"
+    vertices, parts, where = None, [], "vertex"
     for element in elements:
         columns = rows.take(element)
         if element.name == "vertex":
@@ -76,10 +77,11 @@ def read(path, folder=None):
                 _check_sizes(lists)
             else:
                 lists = _strips(lists)
-            polygons = [*polygons, *lists] if polygons else lists
+            parts.append(lists)
     rows.finish(notes)
     if vertices is None:
         raise FormatError(f"it has no vertices; {AGAIN}")
+    polygons = parts[0] if len(parts) == 1 else list(chain.from_iterable(parts))
     faces, _ = cut(vertices, polygons, lambda i: f"{where} {i + 1:,}")
     return Reading(vertices, faces, None, notes)
 
