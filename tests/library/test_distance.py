@@ -405,6 +405,27 @@ def test_needles_are_exact(aspect):
     assert np.abs(found - wanted).max() <= 4e-16
 
 
+@pytest.mark.parametrize("shape", ["box", "torus"])
+def test_labels_next_to_the_surface_have_all_digits_of_single_precision(shape):
+    """Where differences of doubles have lost them: on faces, edges and corners, and on needles."""
+    vertices, faces = box_mesh() if shape == "box" else SHAPES[shape].tessellation()
+    turn = np.linalg.qr(np.random.default_rng(5).normal(size=(3, 3)))[0]
+    vertices = vertices @ turn.T * [1, 1, 1 if shape == "box" else 1e-3]
+    rng = np.random.default_rng(6)
+    points, _, face, _ = Surface(vertices, faces).draw(60, rng)
+    side = vertices[faces[face]]
+    along = side[:, 0] + rng.random((60, 1)) * (side[:, 1] - side[:, 0])
+    points = np.concatenate([points, along, side[:10, 0]])
+    away = 10.0 ** rng.uniform(-14, -7, (130, 1)) * rng.normal(size=(130, 3))
+    points = points + away
+    labels = MeshDistance(vertices, faces).label(points, ties=False, check=False)
+    lowest, highest = vertices[faces].min(axis=1) - 1e-6, vertices[faces].max(axis=1) + 1e-6
+    for point, label in zip(points, np.abs(labels.distance), strict=True):
+        beside = ((lowest <= point) & (point <= highest)).all(axis=1)
+        wanted = min(to_sixty_digits(point, corners) for corners in vertices[faces[beside]])
+        assert abs(label - wanted) <= np.spacing(np.float32(wanted)) / 2
+
+
 @pytest.mark.parametrize("height", [1e-2, 1e-4, 1e-6, 1e-8, 1e-10, 1e-13])
 @pytest.mark.parametrize("top", [0, 0.4, 1])
 def test_thin_triangles_are_exact_next_to_themselves(top, height):

@@ -87,6 +87,7 @@ static const double *corner(const Bvh *t, int32_t face, int k) {
 #include "build.h"
 #include "branches.h"
 
+#include "close.h"
 #include "ties.h"
 #include "winding.h"
 #include "rays.h"
@@ -203,7 +204,7 @@ void bvh_label(const Bvh *t, const double *points, const int64_t *order, int64_t
             memcpy(normal + 3 * i, n, sizeof n);
             flag |= FLAG_ON_SURFACE;
         }
-        distance[i] = sign * foot.distance;
+        distance[i] = sign * find_distance(t, last, p, &foot);
         if (face) face[i] = last;
         if (weights) memcpy(weights + 3 * i, foot.weights, sizeof foot.weights);
         if (flags) flags[i] = flag;
