@@ -1,6 +1,6 @@
 /* The nearest face, and whether another closest point is about as near. */
 
-#define NOTED 96 /* more leaves than most searches open */
+#define NOTED 512 /* more leaves than all but very few searches open */
 
 /* Leaves that a search has opened, and the smallest squared distance in each, as it seems in single
  * precision; `count` may be larger than NOTED, and then the rest is not noted. */
@@ -57,6 +57,20 @@ typedef struct {
     double reach, cosine;
 } Tie;
 
+/* Whether a face is so near to the closest point that no point of it lies in another direction. All
+ * distances are at least the foot's, d, so between directions that differ by the angle a there are
+ * at least 2 d sin(a / 2). */
+static int is_beside(const pandis__mesh *m, int32_t face, const Tie *tie) {
+    double d = tie->foot->distance, least = 2 * (1 - tie->cosine) * d * d * (1 - 1e-6);
+    for (int j = 0; j < 3; j++) {
+        const double *c = pandis__corner(m, face, j);
+        double x[3];
+        for (int k = 0; k < 3; k++) x[k] = c[k] - tie->p[k] + tie->foot->offset[k];
+        if (!(dot(x, x) < least)) return 0;
+    }
+    return 1;
+}
+
 /* Whether another face of a leaf has a closest point within reach, in another direction. */
 static int ties_in(const pandis__mesh *m, const Leaf *leaf, const Tie *tie) {
     double seems[WIDTH], squared[PANDIS__FOUR];
@@ -67,7 +81,8 @@ static int ties_in(const pandis__mesh *m, const Leaf *leaf, const Tie *tie) {
     for (int i = 0; i < WIDTH;) {
         int some = 0;
         for (; i < WIDTH && some < PANDIS__FOUR; i++)
-            if (leaf->face[i] >= 0 && leaf->face[i] != tie->face && seems[i] <= farthest)
+            if (leaf->face[i] >= 0 && leaf->face[i] != tie->face && seems[i] <= farthest &&
+                !is_beside(m, leaf->face[i], tie))
                 faces[some++] = leaf->face[i];
         if (!some) return 0;
         for (int k = some; k < PANDIS__FOUR; k++) faces[k] = faces[0];
