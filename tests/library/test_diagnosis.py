@@ -215,7 +215,24 @@ def test_winding_numbers_of_closed_meshes_are_whole():
         points = np.concatenate([rng.uniform(-1.5, 1.5, (5000, 3)), near])
         exact = np.round(igl.winding_number(*shells, points))
         assert len(np.unique(exact)) == (3 if len(shells[1]) > len(faces) else 2)
-        assert (MeshTree(*shells).whole_windings(points) == exact).all()
+        assert (MeshTree(*shells).windings(points) == exact).all()
+
+
+@pytest.mark.parametrize("nested", [False, True])
+def test_rays_through_edges_and_corners_count_right(nested):
+    """Points and vertices on one lattice: rays meet edges and corners, and lie in faces."""
+    vertices, faces = box_mesh()
+    mesh = copies((vertices, faces), (vertices / 2, faces)) if nested else (vertices, faces)
+    ticks = np.arange(-9, 10) / 8
+    points = np.stack(np.meshgrid(ticks, ticks, ticks), axis=-1).reshape(-1, 3)
+    deep = (np.abs(vertices).max(axis=0) - np.abs(points)).min(axis=1)
+    half = (np.abs(vertices).max(axis=0) / 2 - np.abs(points)).min(axis=1)
+    wanted = (deep > 0).astype(int) + (half > 0) * nested
+    off = (deep != 0) & ((half != 0) | (not nested))
+    assert (np.unique(wanted) == np.arange(2 + nested)).all()
+    turns = MeshTree(*mesh).windings(points[off])
+    assert np.abs(turns - wanted[off]).max() < 0.02
+    assert (turns == np.round(turns)).mean() > 0.5, "no ray told anything"
 
 
 def some_faces(vertices):

@@ -63,7 +63,7 @@ def library():
     lib.bvh_inside.argtypes = [pointer, pointer, i64, pointer]
     lib.bvh_look.argtypes = [pointer, i32, i32, f64, pointer]
     lib.bvh_winding.argtypes = [pointer, pointer, i64, pointer, pointer]
-    lib.bvh_turns.argtypes = [pointer, pointer, i64, f64, pointer]
+    lib.bvh_turns.argtypes = lib.bvh_whole.argtypes = [pointer, pointer, i64, f64, pointer]
     lib.bvh_first_hits.argtypes = [*[pointer] * 4, f64, i64, pointer]
     lib.bvh_part.restype, lib.bvh_part.argtypes = pointer, [pointer, i32, pointer]
     lib.bvh_slabs.argtypes = [pointer, pointer]
@@ -230,17 +230,20 @@ class Bvh:
             raise PandisError("not enough memory for all faces at once")
         return distance, normal
 
-    def turns(self, points, beta):
-        """Return the winding numbers (n,) at points (n, 3); the mesh need not be closed.
+    def turns(self, points, beta, *, closed=False):
+        """Return the winding numbers (n,) at points (n, 3).
 
-        A cluster of faces farther away than ``beta`` times its radius counts as one dipole.
+        A cluster of faces farther away than ``beta`` times its radius counts as one dipole. If the
+        mesh is closed, a ray's crossings are counted instead: the numbers are whole, and exact but
+        for points on the surface, where doubles cannot tell what the ray crosses.
         """
         points = np.ascontiguousarray(points, np.float64)
         turns = np.empty(len(points))
+        of_part = self._library.bvh_whole if closed else self._library.bvh_turns
 
         def part(low, high):
             start = points[low:].ctypes.data
-            self._library.bvh_turns(self._tree, start, high - low, beta, turns[low:].ctypes.data)
+            of_part(self._tree, start, high - low, beta, turns[low:].ctypes.data)
 
         if len(points):
             in_threads(part, len(points))

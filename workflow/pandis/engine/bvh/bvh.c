@@ -90,6 +90,7 @@ static const double *corner(const Bvh *t, int32_t face, int k) {
 #include "close.h"
 #include "ties.h"
 #include "winding.h"
+#include "crossings.h"
 #include "rays.h"
 
 /* -------------------- answers */
@@ -123,6 +124,16 @@ void bvh_turns(const Bvh *t, const double *points, int64_t count, double beta, d
     for (int64_t i = 0; i < count; i++) turns[i] = rough_winding(t, points + 3 * i, (float)beta);
 }
 
+/* Winding numbers in a closed mesh: whole numbers, but on the surface, where they are as in
+ * bvh_turns. */
+void bvh_whole(const Bvh *t, const double *points, int64_t count, double beta, double *turns) {
+    for (int64_t i = 0; i < count; i++) {
+        const double *p = points + 3 * i;
+        int number = crossings(t, p, p);
+        turns[i] = number == UNKNOWN ? rough_winding(t, p, (float)beta) : number;
+    }
+}
+
 /* Recent points whose sides are certain. */
 typedef struct {
     struct {
@@ -131,11 +142,12 @@ typedef struct {
     int newest;
 } Recent;
 
-/* Find the side of a point at a distance from the surface, from a recent point or else from the
- * winding number. If that side contradicts `sign`, the exact winding number decides. Returns the
- * side. */
+/* Find the side of a point, whose foot is on the side `sign` as the pseudonormal says: from a
+ * recent point, or else from the crossings of a ray that starts away from the surface. Where these
+ * are unknown or contradict `sign`, the winding number answers; where it contradicts, too, the
+ * exact one decides. Returns the side. */
 static double check_side(
-    const Bvh *t, const double *p, double distance, double sign, Recent *recent, int64_t *counts) {
+    const Bvh *t, const double *p, const Foot *foot, double sign, Recent *recent, int64_t *counts) {
     double side = 0;
     for (int j = 0; j < KNOWN && !side; j++) {
         int k = (recent->newest + j) % KNOWN;
@@ -143,17 +155,24 @@ static double check_side(
         double x[3] = {p[0] - other[0], p[1] - other[1], p[2] - other[2]};
         /* a ball whose radius is its centre's distance contains no surface, so balls that overlap
          * are on the same side */
-        double reach = distance + recent->known[k].distance;
+        double reach = foot->distance + recent->known[k].distance;
         if (dot(x, x) * (1 + 1e-12) < reach * reach) side = recent->known[k].side;
     }
-    if (!side) side = find_side(t, p), counts[0]++;
+    if (!side) {
+        double way[3]; /* to the outside, where a ray meets less */
+        for (int k = 0; k < 3; k++) way[k] = sign * foot->offset[k];
+        int number = crossings(t, p, way);
+        if (number != UNKNOWN) side = number > 0 ? -1 : 1;
+        if (side != sign) side = find_side(t, p);
+        counts[0]++;
+    }
     if (side != sign) {
         side = exact_winding(t, p) > 0.5 ? -1 : 1;
         if (side != sign) counts[1]++;
     }
     recent->newest = (recent->newest + KNOWN - 1) % KNOWN;
     memcpy(recent->known[recent->newest].point, p, 3 * sizeof *p);
-    recent->known[recent->newest].distance = distance;
+    recent->known[recent->newest].distance = foot->distance;
     recent->known[recent->newest].side = side;
     return side;
 }
@@ -193,7 +212,7 @@ void bvh_label(const Bvh *t, const double *points, const int64_t *order, int64_t
         pandis__pseudonormal(&m, last, &foot, n);
         double sign = pandis__sign(&m, p, &foot, n);
         if (check && foot.distance > on_surface) {
-            double side = check_side(t, p, foot.distance, sign, &recent, counts);
+            double side = check_side(t, p, &foot, sign, &recent, counts);
             if (side != sign) flag |= FLAG_OVERRULED, sign = side;
         }
         if (foot.distance > on_surface) {

@@ -190,7 +190,7 @@ def altitudes(corners):
 def _odd_windings(tree, used):
     half = np.ptp(used, axis=0) / 2
     points = np.random.default_rng(0).uniform(-1, 1, (WINDING_POINTS, 3)) * half
-    return int((~np.isin(tree.whole_windings(points), (0, 1))).sum())
+    return int((~np.isin(np.round(tree.windings(points)), (0, 1))).sum())
 
 
 def _parts(component, count, volumes, *, depth):

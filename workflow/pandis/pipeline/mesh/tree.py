@@ -5,18 +5,17 @@ With a hundred thousand faces and many points whose winding numbers are not whol
 over all faces would take a quarter of an hour.
 """
 
+from functools import cached_property
+
 import numpy as np
 
 from pandis.engine.bvh import Bvh
-from pandis.pipeline.mesh.topology import compact
+from pandis.pipeline.mesh.topology import compact, edges_of
 
 #: Winding numbers farther than this from an integer are recomputed with finer clusters.
 CLEAR = 0.1
 #: Distance, in cluster radii, beyond which a cluster replaces its faces: first pass, refinement.
 ROUGH, FINE = 3.0, 12.0
-#: Both for the first pass over a closed mesh, whose winding numbers are whole: the largest error
-#: seen was 0.13.
-WHOLE, UNSURE = 1.4, 0.25
 
 
 class MeshTree:
@@ -35,6 +34,11 @@ class MeshTree:
         self.scale = 1 / extent if extent else 1.0
         # clusters are stored as float32, which requires coordinates of about 1
         self._tree = Bvh(self._to_unit(vertices), faces)
+        self._faces = faces
+
+    @cached_property
+    def _closed(self):
+        return edges_of(self._faces).balanced
 
     def _to_unit(self, points):
         return np.ascontiguousarray((points - self.centre) * self.scale)
@@ -57,18 +61,12 @@ class MeshTree:
         return self._tree.first_hits(points, ways, skipped, least=least) / self.scale
 
     def windings(self, points):
-        """Return the winding number (n,) at points (n, 3)."""
-        return self._turns(points, ROUGH, CLEAR)
-
-    def whole_windings(self, points):
-        """Return the winding number (n,) at points (n, 3) off the surface of a closed mesh."""
-        return np.round(self._turns(points, WHOLE, UNSURE)).astype(np.int64)
-
-    def _turns(self, points, beta, clear):
-        """Return winding numbers (n,); those farther than ``clear`` from an integer are refined."""
+        """Return the winding number (n,) at points (n, 3): whole in a closed mesh."""
         points = self._to_unit(points)
-        turns = self._tree.turns(points, beta)
-        unclear = np.flatnonzero(np.abs(turns - np.round(turns)) > clear)
+        if self._closed:
+            return self._tree.turns(points, FINE, closed=True)
+        turns = self._tree.turns(points, ROUGH)
+        unclear = np.flatnonzero(np.abs(turns - np.round(turns)) > CLEAR)
         if len(unclear):
             turns[unclear] = self._tree.turns(points[unclear], FINE)
         return turns
