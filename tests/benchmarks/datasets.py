@@ -5,8 +5,8 @@ Usage: PANDIS_MESHES=FOLDER .venv/bin/python tests/benchmarks/datasets.py COMMAN
     variants   write COUNT meshes (10,000 by default) of 1,000 to 20,000 faces (median 5,000) into
                FOLDER/meshes: the shared meshes and closed forms, simplified, turned, scaled; of
                eight, one is cut open and one has noise on its vertices
-    scale      label them by the workflow, 20,000 rows each, killed at five places; time a plan, a
-               run that has nothing to do, and both cores' work for a mesh
+    scale      label them by the workflow, 20,000 rows each and solids of 128 cells, killed at five
+               places; time a plan, a run that has nothing to do, and both cores' work for a mesh
     throughput label COUNT meshes (200 by default) of PANDIS_MESHES as they are, turned, with
                564,000 rows each: meshes in a core minute, those valid as read and all; beside
                point-cloud-utils (watertight, then distances of as many points), and for every
@@ -136,7 +136,7 @@ def finished(folder):
 def scale(folder):
     """Label the variants by the workflow."""
     count = len(list((folder / "meshes").rglob("*.ply")))
-    data = {"source": "meshes", "samples": SCALE}
+    data = {"source": "meshes", "samples": SCALE, "mesh": {"solid_error": "128 cells"}}
     (folder / "data.yaml").write_text(yaml.safe_dump({"datasets": {"data": data}}))
     print("plan: {:.1f} s, {:.0f} MB; again {:.1f} s".format(
         *timed(folder, "-n", "--quiet"), timed(folder, "-n", "--quiet")[0]))  # fmt: skip

@@ -124,7 +124,8 @@ def mesh_rows(work, note):
     note("label")
     body = Body.open(repaired)
     samples = SampleOptions(**work.samples)
-    strata = Strata(body, samples, stage_seed(seed, member.name, "sample"))
+    drawn = stage_seed(seed, member.name, "sample")
+    strata = Strata(body, samples, drawn, as_stored=True)
     rows = _labelled(body, strata, generator(stage_seed(seed, member.name, "rows"), _ORDER))
     facts = _facts(MeshRecord.of(repaired), body, strata.count)
     shape = {"vertices": body.vertices, "faces": body.faces, "files": np.empty(0, np.uint8)}
@@ -133,11 +134,6 @@ def mesh_rows(work, note):
 
 def _labelled(body, strata, rng):
     columns = strata.arrays(silent_progress)
-    # the stage's rows on the surface have the distance 0; rounded points are off by a little
-    on_surface = columns["stratum"] == STRATA.index("surface")
-    points = columns["points"][on_surface].astype(np.float64)
-    if len(points):
-        columns["distance"][on_surface] = body.distance.label(points, ties=False).distance
     doubt = TIED * (columns["tied"] > 0) + THIN * _beyond_walls(body, columns)
     columns["doubt"] = doubt.astype(np.uint8)
     order = rng.permutation(strata.count)

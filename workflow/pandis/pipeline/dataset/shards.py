@@ -45,6 +45,8 @@ def _digest(*parts):
     return hashlib.sha256(json.dumps(parts, sort_keys=True).encode()).hexdigest()
 
 
+#: Level of zstd for rows: random numbers are 4 % larger than at 5, and written in 0.4 of the time.
+_LEVEL = 3
 #: Why a field was not built whose turn did not come.
 _LATER = {"reason": "not tried, because another field ended the process", "again": True}
 
@@ -232,7 +234,8 @@ class ShardBuilder:
         columns = {"ranges": {"shape": self._ranges.shape, "dtype": np.int64}}
         for name, (shape, kind) in ROWS.items():
             size = int(padded.sum())
-            columns[name] = {"shape": (size, *shape), "dtype": kind, "chunks": (chunk, *shape)}
+            columns[name] = {"shape": (size, *shape), "dtype": kind, "chunks": (chunk, *shape),
+                             "level": _LEVEL}  # fmt: skip
         for name, (shape, kind) in (MESH | FILES).items():
             columns[name] = {"shape": (int(counts[name].sum()), *shape), "dtype": kind}
         return columns

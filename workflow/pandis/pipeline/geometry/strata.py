@@ -52,6 +52,8 @@ class Strata:
     body : pandis.pipeline.geometry.body.Body
     options : pandis.pipeline.run.ask.options.SampleOptions
     seed : int
+    as_stored : bool
+        Whether points on the surface have their distance as stored, rounded, in place of 0.
 
     Attributes
     ----------
@@ -60,8 +62,9 @@ class Strata:
     count : int
     """
 
-    def __init__(self, body, options, seed):
+    def __init__(self, body, options, seed, *, as_stored=False):
         self.body, self.options, self.seed = body, options, seed
+        self.as_stored = as_stored
         self.engine = body.distance
         counts = {
             "surface": options.surface,
@@ -205,7 +208,7 @@ class Strata:
         distance, normal = labels.distance, labels.normal
         if STRATA[index] == "surface":
             # by construction the points are on the surface, up to rounding of coordinates
-            distance = np.zeros(len(points))
+            distance = distance if self.as_stored else np.zeros(len(points))
             normal = self.body.surface.at(face, barycentrics)[1]
         return {
             "points": points,

@@ -136,8 +136,11 @@ class ArtifactWriter:
         if isinstance(error, OSError):
             raise self._file.explain(error) from error
 
-    def declare(self, name, shape, dtype, *, chunks=None, fill=0):
-        """Declare an array. Chunks that contain only ``fill`` are not stored."""
+    def declare(self, name, shape, dtype, *, chunks=None, fill=0, level=5):
+        """Declare an array. Chunks that contain only ``fill`` are not stored.
+
+        ``level`` is zstd's, from 1 (fast) to 9 (small).
+        """
         from zarr.codecs import BloscCodec
 
         shape, dtype = tuple(shape), np.dtype(dtype).newbyteorder("<")
@@ -150,7 +153,7 @@ class ArtifactWriter:
             dtype=dtype,
             chunks=tuple(max(1, n) for n in chunks[: len(shape)]),
             # shuffling bytes makes smooth fields a fifth smaller
-            compressors=[BloscCodec(cname="zstd", clevel=5, shuffle="shuffle")],
+            compressors=[BloscCodec(cname="zstd", clevel=level, shuffle="shuffle")],
             fill_value=fill,
         )
         digest = hashlib.sha256(f"{name}\0{dtype.str}\0{shape}\0".encode())
