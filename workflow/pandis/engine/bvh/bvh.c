@@ -10,7 +10,8 @@
  * IEEE arithmetic returns the same bits.
  *
  * Signs: Baerentzen and Aanaes 2005 (angle-weighted pseudonormals). Winding numbers: Barill et
- * al. 2018 (dipoles of clusters), solid angles after Van Oosterom and Strackee 1983.
+ * al. 2018 (dipoles of clusters), solid angles after Van Oosterom and Strackee 1983; in a closed
+ * mesh, the crossings of a ray.
  */
 #define PANDIS_NO_FILE
 

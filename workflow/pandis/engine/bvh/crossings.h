@@ -17,10 +17,8 @@ typedef struct {
     int axis, down;
 } Ray;
 
-static Ray ray_along(const double *p, const double *way) {
-    double x = fabs(way[0]), y = fabs(way[1]), z = fabs(way[2]);
-    Ray ray = {.p = p, .axis = x > y ? (x > z ? 0 : 2) : (y > z ? 1 : 2)};
-    ray.down = way[ray.axis] < 0;
+static Ray ray_along(const double *p, int axis, int down) {
+    Ray ray = {.p = p, .axis = axis, .down = down};
     for (int k = 0; k < 3; k++) {
         float at = (float)p[k], lost = 2.4e-7f * fabsf(at) + 1e-37f;
         ray.low[k] = at - lost, ray.high[k] = at + lost;
@@ -90,26 +88,36 @@ static int face_crossing(const Bvh *t, int32_t face, const Ray *ray) {
     return (left > 0) != ray->down ? 1 : -1;
 }
 
-/* The winding number at a point from the crossings of a ray in about a direction, or UNKNOWN. */
-static int crossings(const Bvh *t, const double *p, const double *way) {
-    Ray ray = ray_along(p, way);
+/* The winding number at the start of a ray, or UNKNOWN. */
+static int count_crossings(const Bvh *t, const Ray *ray) {
     int32_t stack[STACK];
     int top = 1, sum = 0;
     stack[0] = 0;
     while (top) {
         int32_t index = stack[--top];
-        int met =
-            index < 0 ? faces_met(t->leaves + ~index, &ray) : boxes_met(t->nodes + index, &ray);
+        int met = index < 0 ? faces_met(t->leaves + ~index, ray) : boxes_met(t->nodes + index, ray);
         for (int i = 0; met; i++, met >>= 1) {
             if (!(met & 1)) continue;
             if (index >= 0) {
                 stack[top++] = t->nodes[index].child[i];
                 continue;
             }
-            int crossing = face_crossing(t, t->leaves[~index].face[i], &ray);
+            int crossing = face_crossing(t, t->leaves[~index].face[i], ray);
             if (crossing == UNKNOWN) return UNKNOWN;
             sum += crossing;
         }
     }
     return sum;
+}
+
+/* The winding number at a point, from rays in about a direction: along the nearest axis, or else
+ * one of the others. UNKNOWN on the surface. */
+static int crossings(const Bvh *t, const double *p, const double *way) {
+    double x = fabs(way[0]), y = fabs(way[1]), z = fabs(way[2]);
+    int axis = x > y ? (x > z ? 0 : 2) : (y > z ? 1 : 2), number = UNKNOWN;
+    for (int k = 0; k < 3 && number == UNKNOWN; k++, axis = (axis + 1) % 3) {
+        Ray ray = ray_along(p, axis, way[axis] < 0);
+        number = count_crossings(t, &ray);
+    }
+    return number;
 }
