@@ -230,6 +230,7 @@ def test_rays_through_edges_and_corners_count_right(nested):
     wanted = (deep > 0).astype(int) + (half > 0) * nested
     off = (deep != 0) & ((half != 0) | (not nested))
     assert (np.unique(wanted) == np.arange(2 + nested)).all()
+    assert np.isnan(MeshTree(*mesh).windings(np.array([[np.nan, 0, 0]]))).all()
     turns = MeshTree(*mesh).windings(points[off])
     assert np.abs(turns - wanted[off]).max() < 0.02
     assert (turns == np.round(turns)).mean() > 0.5, "no ray told anything"

@@ -126,11 +126,11 @@ void bvh_turns(const Bvh *t, const double *points, int64_t count, double beta, d
 }
 
 /* Winding numbers in a closed mesh: whole numbers, but on the surface, where they are as in
- * bvh_turns. */
+ * bvh_turns; NaN at a point that has NaN. */
 void bvh_whole(const Bvh *t, const double *points, int64_t count, double beta, double *turns) {
     for (int64_t i = 0; i < count; i++) {
         const double *p = points + 3 * i;
-        int number = crossings(t, p, p);
+        int number = isnan(p[0] + p[1] + p[2]) ? UNKNOWN : crossings(t, p, p);
         turns[i] = number == UNKNOWN ? rough_winding(t, p, (float)beta) : number;
     }
 }
