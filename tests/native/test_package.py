@@ -187,7 +187,7 @@ def test_mujoco_finds_the_plugin_without_a_compiler(package, files, tmp_path):
 
 def test_the_wheel_is_small_and_for_all_linux_systems(package):
     wheel, _, _ = package
-    assert wheel.stat().st_size <= 1_370_000
+    assert wheel.stat().st_size <= 1_380_000
     assert re.search(r"-py3-none-manylinux_2_17_\w+\.manylinux2014_\w+\.whl$", wheel.name)
     with zipfile.ZipFile(wheel) as archive:
         names = archive.namelist()

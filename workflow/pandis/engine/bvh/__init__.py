@@ -70,7 +70,7 @@ def library():
     lib.bvh_reach.restype, lib.bvh_reach.argtypes = f64, [pointer]
     lib.bvh_scan.argtypes = [pointer, pointer, i64, pointer, pointer]
     lib.bvh_order.argtypes = [pointer, i64, pointer]
-    lib.bvh_label.argtypes = [pointer, pointer, pointer, i64, f64, i32, f64, f64, *[pointer] * 6]
+    lib.bvh_label.argtypes = [*[pointer] * 3, i64, f64, i32, i32, f64, f64, *[pointer] * 6]
     return lib
 
 
@@ -119,7 +119,7 @@ class Bvh:
             self._library.bvh_free(self._tree)
             self._tree = None
 
-    def label(self, points, on_surface, check=True, *, tie=None, feet=True):
+    def label(self, points, on_surface, check=True, *, tie=None, feet=True, close=False):
         """Return exact distances with normals, faces and flags.
 
         Parameters
@@ -134,6 +134,9 @@ class Bvh:
             is farther by at most the fraction d, in a direction that differs by more than a.
         feet : bool
             Whether to return faces and barycentrics; otherwise they are None.
+        close : bool
+            Whether distances next to the surface have all digits of single precision. Otherwise
+            they are those of double arithmetic, as ``pandis.h`` computes them.
 
         Returns
         -------
@@ -160,7 +163,7 @@ class Bvh:
             counts = np.zeros(2, np.int64)
             start = order[low:].ctypes.data if order is not None else None
             self._library.bvh_label(
-                self._tree, points.ctypes.data, start, high - low, on_surface, check,
+                self._tree, points.ctypes.data, start, high - low, on_surface, check, close,
                 relative, cosine, *columns, counts.ctypes.data,
             )  # fmt: skip
             return counts

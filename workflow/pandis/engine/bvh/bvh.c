@@ -179,11 +179,13 @@ static double check_side(
 }
 
 /* Label the points order[0 .. count - 1]. Outputs are indexed like the points; face, weights and
- * flags may be NULL. `counts` gets the number of signs compared with a winding number, and of signs
- * that the exact winding number overruled. */
+ * flags may be NULL. With `close`, distances next to the surface have all digits of single
+ * precision. `counts` gets the number of signs compared with a winding number, and of signs that
+ * the exact winding number overruled. */
 void bvh_label(const Bvh *t, const double *points, const int64_t *order, int64_t count,
-    double on_surface, int check, double tie_relative, double tie_cosine, double *distance,
-    double *normal, int32_t *face, double *weights, uint8_t *flags, int64_t *counts) {
+    double on_surface, int check, int close, double tie_relative, double tie_cosine,
+    double *distance, double *normal, int32_t *face, double *weights, uint8_t *flags,
+    int64_t *counts) {
     pandis__mesh m = view(t);
     int32_t last = 0;
     double closest[3]; /* to the last point; at first any surface point */
@@ -224,7 +226,7 @@ void bvh_label(const Bvh *t, const double *points, const int64_t *order, int64_t
             memcpy(normal + 3 * i, n, sizeof n);
             flag |= FLAG_ON_SURFACE;
         }
-        distance[i] = sign * find_distance(t, last, p, &foot);
+        distance[i] = sign * (close ? find_distance(t, last, p, &foot) : foot.distance);
         if (face) face[i] = last;
         if (weights) memcpy(weights + 3 * i, foot.weights, sizeof foot.weights);
         if (flags) flags[i] = flag;

@@ -30,7 +30,7 @@ int bvh_scan(const Bvh *t, const double *points, int64_t count, double *distance
         pandis__find_mesh_foot(&m, face, p, &foot);
         pandis__pseudonormal(&m, face, &foot, n);
         double sign = pandis__sign(&m, p, &foot, n);
-        distance[i] = sign * find_distance(t, face, p, &foot);
+        distance[i] = sign * foot.distance;
         for (int k = 0; k < 3; k++)
             normal[3 * i + k] = foot.distance > 0 ? sign * (foot.offset[k] / foot.distance) : n[k];
     }

@@ -69,10 +69,11 @@ class MeshDistance:
             The signs by pseudonormal and by winding number disagree too often.
         """
         tie = (TIE_DISTANCE, TIE_ANGLE) if ties else None
-        return self._answer(points, check, tie=tie, feet=True)
+        return self._answer(points, check, tie=tie, feet=True, close=True)
 
-    def _answer(self, points, check, *, tie=None, feet=False):
-        labels = self._tree.label(points, SURFACE_DISTANCE, check, tie=tie, feet=feet)
+    def _answer(self, points, check, *, tie=None, feet=False, close=False):
+        more = {"tie": tie, "feet": feet, "close": close}
+        labels = self._tree.label(points, SURFACE_DISTANCE, check, **more)
         self._checked += len(points)
         allowed = max(1, MAX_OVERRULED * self._checked)
         if self._tree.overruled > allowed:
