@@ -53,7 +53,7 @@ class Strata:
     options : pandis.pipeline.run.ask.options.SampleOptions
     seed : int
     as_stored : bool
-        Whether points on the surface have their distance as stored, rounded, in place of 0.
+        Whether points on the surface have the distance that rounding gave them, in place of 0.
 
     Attributes
     ----------

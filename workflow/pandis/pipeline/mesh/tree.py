@@ -1,9 +1,9 @@
 """A tree over the faces of any mesh, open or closed: exact distances, and winding numbers.
 
 See Jacobson et al. 2013 and Barill et al. 2018; in a closed mesh, winding numbers are counted along
-a ray. The tree bounds the cost per point for any mesh.
-With a hundred thousand faces and many points whose winding numbers are not whole, the exact sum
-over all faces would take a quarter of an hour.
+a ray. The tree bounds the cost per point for any mesh. With a hundred thousand faces and many
+points whose winding numbers are not whole, the exact sum over all faces would take a quarter of an
+hour.
 """
 
 from functools import cached_property
